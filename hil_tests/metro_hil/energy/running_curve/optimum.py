@@ -15,7 +15,7 @@ from scipy.optimize import linprog
 from scipy.sparse import coo_matrix, csr_matrix
 
 from metro_hil.energy.running_curve.track import HopTrack
-from metro_hil.energy.running_curve.train import Numbers, RunningTrain
+from metro_hil.energy.running_curve.train import Numbers, RunningTrain, along
 
 ITERATIONS: Final = 60
 TRUST_START_RATIO: Final = 0.05
@@ -32,6 +32,8 @@ CHECK_RATIO: Final = 0.02
 """Trust region of the programme that gives the costate of the answer."""
 FORCE_TOLERANCE_RATIO: Final = 0.01
 VALUE_TOLERANCE_RATIO: Final = 0.02
+CURVE_STEP_RATIO: Final = 0.001
+"""Half width of the difference that gives the slope of an effort curve, as a share of the speed."""
 SLOPE_RATIO: Final = 0.02
 """Half width of the difference that gives the slope of an efficiency map."""
 AT_LIMIT_RATIO: Final = 0.997
@@ -292,18 +294,13 @@ def _programme(
     right_n = -(drag_n - slope * middle_square) - track.grade_n
     motion = nodes.cells(inertia + slope / 2.0, -inertia + slope / 2.0, late + 1) / unit_n
     forces = _forces(n, inner, late + 1)
-    # Powers: F <= P / v, as a tangent in the square of the speed.
+    # Powers: F <= P / v, or F <= the curve, as a tangent in the square of the speed.
     powers = []
     limits = []
-    for block, power_w, force_n in (
-        (0, train.traction_power_w, train.traction_force_n),
-        (1, train.brake_power_w, train.brake_force_n),
-    ):
-        limit_n, tangent = power_w / middle, -0.5 * power_w / middle**3
+    for block, (limit_n, tangent) in enumerate(_most_forces(train, middle)):
         rows = nodes.cells(-tangent / 2.0, -tangent / 2.0, late + 1) / unit_n
         powers.append(rows + _block(n, inner + block * n, late + 1))
         limits.append((limit_n - tangent * middle_square) / unit_n)
-        assert force_n > 0.0
     # Both brakes together.
     powers.append(_block(n, inner + n, late + 1) + _block(n, inner + 2 * n, late + 1))
     limits.append(np.full(n, train.service_force_n / unit_n))
@@ -327,6 +324,22 @@ def _programme(
     return _solved(
         train, track, square, trust_ratio, cost, motion - forces, right_n / unit_n, powers, limits
     )
+
+
+def _most_forces(train: RunningTrain, middle: Numbers) -> list[tuple[Numbers, Numbers]]:
+    """Bounds of traction and electric brake by speed, each with its slope over squared speed."""
+    bounds: list[tuple[Numbers, Numbers]] = []
+    for points, power_w in (
+        (train.traction_effort, train.traction_power_w),
+        (train.brake_effort, train.brake_power_w),
+    ):
+        if points:
+            low, high = middle * (1.0 - CURVE_STEP_RATIO), middle * (1.0 + CURVE_STEP_RATIO)
+            slope = (along(points, high) - along(points, low)) / (high**2 - low**2)
+            bounds.append((along(points, middle), slope))
+        else:
+            bounds.append((power_w / middle, -0.5 * power_w / middle**3))
+    return bounds
 
 
 def _solved(

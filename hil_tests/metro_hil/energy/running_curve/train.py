@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_py import settings
-from plant_emulator.train_config import EfficiencyMap, TrainConfig
+from plant_emulator.train_config import EfficiencyMap, EffortPoint, TrainConfig
 from plant_emulator.train_config import load_train as load_consist
 
 SHIPPED: Final = "metro_hil.energy.running_curve.trains"
@@ -17,6 +17,7 @@ CONSISTS: Final = "plant_emulator.consists"
 GRAVITY_MPS2: Final = 9.81
 MOTORS_A_CAR: Final = 4
 """Motors of each car of a consist that has motors; consist files do not give their number."""
+POWER_SAMPLES: Final = 1000
 SPEED_MAX_MPS: Final = 100.0
 """Greatest speed of a consist, beyond all limits of lines."""
 
@@ -59,6 +60,10 @@ class RunningTrain:
     value."""
     regeneration_map: EfficiencyMap | None = None
     """Efficiency of regeneration by speed and share of `brake_force_n`, likewise."""
+    traction_effort: tuple[EffortPoint, ...] = ()
+    """Greatest traction over speed. It replaces force and power, which are then its greatest."""
+    brake_effort: tuple[EffortPoint, ...] = ()
+    """Greatest force of the electric brake over speed, likewise."""
 
     def __post_init__(self) -> None:
         for name in (
@@ -90,6 +95,8 @@ class RunningTrain:
 
     def traction_at_n(self, speed_mps: Numbers) -> Numbers:
         """Return the maximum effort."""
+        if self.traction_effort:
+            return along(self.traction_effort, speed_mps)
         return np.minimum(self.traction_force_n, self.traction_power_w / np.maximum(speed_mps, 0.1))
 
     def traction_efficiency(self, speed_mps: Numbers, force_n: Numbers) -> Numbers | float:
@@ -107,7 +114,27 @@ class RunningTrain:
     def braking_at_n(self, speed_mps: Numbers, power_w: Numbers | float) -> Numbers:
         """Return the electric brake force: full force at low speed, P / v above."""
         limit_w = np.minimum(power_w, self.brake_power_w)
-        return np.minimum(self.brake_force_n, limit_w / np.maximum(speed_mps, 0.1))
+        most_n: Numbers | float = self.brake_force_n
+        if self.brake_effort:
+            most_n = np.minimum(most_n, along(self.brake_effort, speed_mps))
+        return np.minimum(most_n, limit_w / np.maximum(speed_mps, 0.1))
+
+
+def along(points: tuple[EffortPoint, ...], speed_mps: Numbers) -> Numbers:
+    """Force of a curve at many speeds: linear between points, constant power beyond the last."""
+    last = points[-1]
+    inside_n = np.interp(
+        speed_mps, [each.speed_mps for each in points], [each.force_n for each in points]
+    )
+    beyond_n = last.force_n * last.speed_mps / np.maximum(speed_mps, 0.1)
+    return np.where(speed_mps > last.speed_mps, beyond_n, inside_n)
+
+
+def greatest_power_w(points: tuple[EffortPoint, ...]) -> float:
+    """Greatest power on a curve. Between two points it is a parabola over speed."""
+    speeds_mps = np.linspace(0.0, points[-1].speed_mps, POWER_SAMPLES)
+    speeds_mps = np.append(speeds_mps, [each.speed_mps for each in points])
+    return float(np.max(along(points, speeds_mps) * speeds_mps))
 
 
 def interpolated(table: EfficiencyMap, speed_mps: Numbers, load_ratio: Numbers) -> Numbers:
@@ -130,6 +157,10 @@ def _with_loads(table: EfficiencyMap | None, of_n: float, now_of_n: float) -> Ef
         return table
     loads = tuple(load_ratio * of_n / now_of_n for load_ratio in table.load_ratio)
     return replace(table, load_ratio=loads)
+
+
+def scaled(points: tuple[EffortPoint, ...], ratio: float) -> tuple[EffortPoint, ...]:
+    return tuple(EffortPoint(each.speed_mps, ratio * each.force_n) for each in points)
 
 
 def load_train(name: str) -> RunningTrain:
@@ -159,18 +190,27 @@ def of_consist(consist: TrainConfig) -> RunningTrain:
     mass_kg = consist.mass_kg * (1.0 + rotating_ratio)
     weight_kn = consist.mass_kg * GRAVITY_MPS2 / 1000.0
     service_n = mass_kg * service.max_decel_mps2
-    electric_n = min(service_n, electric.max_force_n)
+    rated_n, power_w = traction.rated_force_n, traction.max_power_w
+    pull = scaled(traction.effort, traction.effort_ratio)
+    if pull:
+        rated_n = max(each.force_n for each in traction.effort)
+        power_w = greatest_power_w(traction.effort)
+    electric_n, electric_w = electric.max_force_n, electric.max_power_w
+    if electric.effort:
+        electric_n = max(each.force_n for each in electric.effort)
+        electric_w = greatest_power_w(electric.effort)
+    electric_n = min(service_n, electric_n)
     try:
         return RunningTrain(
             name=consist.name,
             description=consist.description or consist.name,
             mass_kg=mass_kg,
             motors=MOTORS_A_CAR * sum(car.motor for car in consist.cars),
-            traction_force_n=traction.rated_force_n * traction.effort_ratio,
-            traction_power_w=traction.max_power_w * traction.effort_ratio,
+            traction_force_n=rated_n * traction.effort_ratio,
+            traction_power_w=power_w * traction.effort_ratio,
             traction_efficiency_ratio=traction.efficiency_ratio,
             brake_force_n=electric_n,
-            brake_power_w=electric.max_power_w,
+            brake_power_w=electric_w,
             regeneration_efficiency_ratio=electric.efficiency_ratio,
             service_force_n=service_n,
             speed_max_mps=SPEED_MAX_MPS,
@@ -180,8 +220,12 @@ def of_consist(consist: TrainConfig) -> RunningTrain:
             length_m=consist.length_m,
             rotating_ratio=rotating_ratio,
             auxiliary_w=consist.supply.auxiliary_w,
-            traction_map=_with_loads(traction.efficiency, 1.0, traction.effort_ratio),
+            traction_map=_with_loads(
+                traction.efficiency, traction.rated_force_n, rated_n * traction.effort_ratio
+            ),
             regeneration_map=_with_loads(electric.efficiency, electric.max_force_n, electric_n),
+            traction_effort=pull,
+            brake_effort=electric.effort,
         )
     except ValueError as error:
         raise settings.SettingsError(f"consist {consist.name}: {error}") from error
