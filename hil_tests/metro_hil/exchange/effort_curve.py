@@ -1,18 +1,14 @@
 """Tractive effort over speed, as force and power of the emulated motors."""
 
-import csv
-import io
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Final
 
-from firmware_py.settings import SettingsError, text_of
+from firmware_py.settings import SettingsError
+from metro_hil.exchange.motor_tables import MotorTable
 from metro_hil.exchange.survey import SurveyedTrain
 
-SPEED_COLUMNS: Final[Mapping[str, float]] = {"speed_kmh": 1.0 / 3.6, "speed_mps": 1.0}
-EFFORT_COLUMNS: Final[Mapping[str, float]] = {"effort_kn": 1000.0, "effort_n": 1.0}
 PERCENT: Final = 100.0
 KMH_PER_MPS: Final = 3.6
 EFFORT: Final = "tractive effort"
@@ -65,13 +61,13 @@ def effort_curve(points: Sequence[tuple[float, float]], speed_mps_max: float) ->
     return EffortCurve(force_n, power_w, note)
 
 
-def with_effort(train: SurveyedTrain, path: Path) -> SurveyedTrain:
-    """The train with the effort of a CSV file. Raises SettingsError that names file and line."""
-    points = _read_points(path)
+def with_effort(train: SurveyedTrain, table: MotorTable) -> SurveyedTrain:
+    """The train with the effort of a CSV file. Raises SettingsError that names the file."""
+    points = [(point["speed_mps"], point["force_n"]) for point in table.value]
     try:
         curve = effort_curve(points, train.speed_mps_max)
     except ValueError as error:
-        raise SettingsError(f"{path}: {error}") from error
+        raise SettingsError(f"{table.source}: {error}") from error
     return replace(
         train,
         force_n=curve.force_n,
@@ -79,35 +75,7 @@ def with_effort(train: SurveyedTrain, path: Path) -> SurveyedTrain:
         effort_points=tuple(points),
         filled=(
             *(note for note in train.filled if not note.startswith(EFFORT)),
-            f"{curve.note} ({path.name}); so the parameters, while the train follows the curve",
+            f"{curve.note} ({table.source.name}); so the parameters, while the train follows the "
+            "curve",
         ),
     )
-
-
-def _read_points(path: Path) -> list[tuple[float, float]]:
-    rows = list(csv.reader(io.StringIO(text_of(path))))
-    head = [name.strip() for name in rows[0]] if rows else []
-    speed = [name for name in head if name in SPEED_COLUMNS]
-    effort = [name for name in head if name in EFFORT_COLUMNS]
-    if len(speed) != 1 or len(effort) != 1:
-        raise SettingsError(
-            f"{path}: line 1: {','.join(head)!r} is not the head of an effort curve; write "
-            "speed_kmh or speed_mps, and effort_kn or effort_n"
-        )
-    at, of = head.index(speed[0]), head.index(effort[0])
-    points = []
-    for number, row in enumerate(rows[1:], start=2):
-        if not any(cell.strip() for cell in row):
-            continue
-        try:
-            speed_mps = float(row[at]) * SPEED_COLUMNS[speed[0]]
-            effort_n = float(row[of]) * EFFORT_COLUMNS[effort[0]]
-        except (ValueError, IndexError):
-            raise SettingsError(
-                f"{path}: line {number}: {','.join(row)!r} has no two numbers; write them with a "
-                "decimal point and a comma between them"
-            ) from None
-        if not abs(speed_mps) + abs(effort_n) < float("inf"):
-            raise SettingsError(f"{path}: line {number}: {','.join(row)!r} is not finite")
-        points.append((speed_mps, effort_n))
-    return points

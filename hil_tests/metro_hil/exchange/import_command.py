@@ -14,6 +14,7 @@ from firmware_py.settings import SettingsError, text_of
 from firmware_py.storage.whole_file import write_whole
 from metro_hil.exchange.effort_curve import with_effort
 from metro_hil.exchange.line_rules import FittedTrain, complete_line
+from metro_hil.exchange.motor_tables import MotorTable, read_consist, read_table, with_tables
 from metro_hil.exchange.network_rules import complete_network
 from metro_hil.exchange.railjson_line import read_infra
 from metro_hil.exchange.railjson_train import read_rolling_stock
@@ -31,12 +32,13 @@ from vobc.config import load_config
 PROG: Final = "vobc import"
 DESCRIPTION: Final = (
     "Turn tracks and trains of TTOBench (JSON), infrastructure and rolling stock of railML 3 (XML) "
-    "and of OSRD (RailJSON), and effort curves (CSV) into a line or network file, a consist and "
-    "parameters. What a file does not say is filled by rules, which are printed and stand at the "
-    "top of each file."
+    "and of OSRD (RailJSON) into a line or network file, a consist and parameters, and tables of "
+    "motors (CSV) into the consist. What a file does not say is filled by rules, which are printed "
+    "and stand at the top of each file."
 )
 EPILOG: Final = "exit codes: 0 the files are written; 2 wrong usage or a bad file; nothing written"
 PARAMS: Final = "florence4"
+EFFORT_PLACE: Final = "traction.effort"
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +61,9 @@ def parser() -> argparse.ArgumentParser:
         "files",
         nargs="+",
         metavar="FILE",
-        help="tracks, at most one train that runs on them, and at most one effort curve of it: a "
-        "CSV file with speed_kmh or speed_mps, and effort_kn or effort_n",
+        help="tracks, at most one train that runs on them or consist (TOML), and CSV tables of its "
+        "motors: speed_kmh or speed_mps, then effort_kn, effort_n, brake_kn or brake_n, or "
+        "efficiencies at loads, such as traction_0.1,traction_1.0 or brake_0.1,brake_1.0",
     )
     top.add_argument(
         "--stops",
@@ -114,21 +117,25 @@ def files_of(
     names: Sequence[str], params: str | None, options: ImportChoices
 ) -> tuple[dict[str, tuple[dict[str, Any], tuple[str, ...]]], str]:
     """Table and rules of each file to write, and the command to try next. Raises SettingsError."""
-    lines, trains = _surveyed(names, options)
+    tables = [read_table(Path(name)) for name in names if name.lower().endswith(".csv")]
+    consists = [Path(name) for name in names if name.lower().endswith(".toml")]
+    others = [name for name in names if not name.lower().endswith((".csv", ".toml"))]
+    lines, trains = _surveyed(others, options)
+    _check_one_train(tables, consists, trains)
     written: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {}
     used, words = params or PARAMS, ""
+    for path in consists:
+        table, notes = with_tables(read_consist(path), tables, path.name)
+        words = f" --consist {{folder}}{path.name}"
+        _add(written, path.name, table, notes)
     if trains:
         if params is not None:
             raise SettingsError(
                 f"--params {params}: not with the train {trains[0].source}, which lines are laid "
                 "out for; leave one of them out"
             )
-        consist, own = complete_train(trains[0])
-        name = trains[0].name
+        name, train = trains[0].name, _add_train(written, trains[0], tables)
         used, words = f"{{folder}}{name}_params.toml", f" --consist {{folder}}{name}.toml"
-        train = fitted(trains[0], own.table)
-        _add(written, f"{name}.toml", consist.table, consist.notes)
-        _add(written, f"{name}_params.toml", own.table, own.notes)
     else:
         config = load_config(used)
         train = FittedTrain(config.name, config.train.length_m, config.train.antenna_offset_m)
@@ -150,13 +157,27 @@ def files_of(
     return written, f"{run}vobc run --lockstep --line {line_name}{words}{params_words}"
 
 
+def _add_train(
+    written: dict[str, tuple[dict[str, Any], tuple[str, ...]]],
+    train: SurveyedTrain,
+    tables: Sequence[MotorTable],
+) -> FittedTrain:
+    """Add consist and parameters of a foreign train. Its effort comes before the parameters."""
+    effort = [each for each in tables if each.place == EFFORT_PLACE]
+    rest = [each for each in tables if each not in effort]
+    for each in effort:
+        train = with_effort(train, each)
+    consist, own = complete_train(train)
+    table, notes = with_tables(consist.table, rest, train.source)
+    _add(written, f"{train.name}.toml", table, (*consist.notes, *notes))
+    _add(written, f"{train.name}_params.toml", own.table, own.notes)
+    return fitted(train, own.table)
+
+
 def _surveyed(
     names: Sequence[str], options: ImportChoices
 ) -> tuple[list[SurveyedLine | SurveyedNetwork], list[SurveyedTrain]]:
-    curves = [Path(name) for name in names if name.lower().endswith(".csv")]
-    read = [
-        each for name in names if Path(name) not in curves for each in _read(Path(name), options)
-    ]
+    read = [each for name in names for each in _read(Path(name), options)]
     lines = [each for each in read if not isinstance(each, SurveyedTrain)]
     trains = [each for each in read if isinstance(each, SurveyedTrain)]
     if options.formation is not None and not trains:
@@ -168,12 +189,24 @@ def _surveyed(
             f"{trains[1].source}: a second train, after {trains[0].source}; platforms are laid "
             "out for one; import the other into another folder"
         )
-    if curves and (not trains or len(curves) > 1):
+    return lines, trains
+
+
+def _check_one_train(
+    tables: Sequence[MotorTable], consists: Sequence[Path], trains: Sequence[SurveyedTrain]
+) -> None:
+    if len(consists) + len(trains) > 1:
+        raise SettingsError(f"{consists[-1]}: a second train; import it separately")
+    if consists and not tables:
+        raise SettingsError(f"{consists[0]}: is a file of this project already; give CSV tables")
+    if tables and not (consists or trains):
         raise SettingsError(
-            f"{curves[-1]}: an effort curve belongs to one train; give the file of the train, and "
-            "one curve"
+            f"{tables[0].source}: a table of motors belongs to one train; give the file of the "
+            "train, too"
         )
-    return lines, [with_effort(train, curves[0]) if curves else train for train in trains]
+    for number, table in enumerate(tables):
+        if table.place in [each.place for each in tables[:number]]:
+            raise SettingsError(f"{table.source}: a second table for {table.place}; give one")
 
 
 def _read(path: Path, options: ImportChoices) -> list[Surveyed]:

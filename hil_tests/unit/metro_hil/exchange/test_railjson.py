@@ -364,8 +364,8 @@ def test_an_error_of_the_infrastructure_names_its_element(
         ({"inertia_coefficient": 0.1}, "", "inertia_coefficient: 0.1 is not in 1..2"),
         ({"railjson_version": "3.4"}, "", "rolling_resistance: 3.33e+03 N for each kg at 36 km/h"),
         ({"railjson_version": "three"}, "", "railjson_version: 'three' is not a version such as"),
-        ({}, "speed,effort\n0,1\n", "effort.csv: line 1: 'speed,effort' is not the head"),
-        ({}, "speed_kmh,effort_kn\n0,80\n10,x\n", "effort.csv: line 3: '10,x' has no two numbers"),
+        ({}, "speed,effort\n0,1\n", "effort.csv: line 1: 'speed,effort' is no head of a table"),
+        ({}, "speed_kmh,effort_kn\n0,80\n10,x\n", "effort.csv: line 3: '10,x' is not 2 numbers"),
         ({}, "speed_kmh,effort_kn\n10,80\n5,80\n", "effort.csv: 1.38889 m/s does not follow"),
         ({}, "speed_kmh,effort_kn\n10,80\n", "effort.csv: 1 points; a curve needs two or more"),
     ],
@@ -390,4 +390,4 @@ def test_a_curve_without_a_train_is_refused(
 ) -> None:
     assert imported(tmp_path, effort_csv="speed_kmh,effort_kn\n0,80\n40,40\n") == 2
 
-    assert "effort.csv: an effort curve belongs to one train" in capsys.readouterr().err
+    assert "effort.csv: a table of motors belongs to one train" in capsys.readouterr().err
