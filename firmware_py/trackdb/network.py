@@ -245,6 +245,37 @@ class TrackSwitch:
 
 
 @dataclass(frozen=True, slots=True)
+class TrackCrossing:
+    """A place where two tracks cross on the level, without a switch, for one train at a time."""
+
+    name: str
+    a: str
+    """One of the two tracks."""
+    a_m: float
+    """Chainage of that track at the crossing."""
+    b: str
+    b_m: float
+    clear_m: float = 20.0
+    """Distance from the crossing at which a vehicle clears the other track."""
+
+    def __post_init__(self) -> None:
+        if self.a == self.b:
+            raise ValueError(f"{self.name}: a and b both name track {self.a}; name two tracks")
+        if not self.clear_m > 0.0:
+            raise ValueError(f"{self.name}: clear_m {self.clear_m} is not positive")
+
+    def across(self, track: str, start_m: float, end_m: float) -> tuple[str, float, float] | None:
+        """The stretch of the other track that a stretch of this one bars; None if it bars none."""
+        for (own, own_m), (other, other_m) in (
+            ((self.a, self.a_m), (self.b, self.b_m)),
+            ((self.b, self.b_m), (self.a, self.a_m)),
+        ):
+            if own == track and start_m < own_m + self.clear_m and own_m - self.clear_m < end_m:
+                return other, other_m - self.clear_m, other_m + self.clear_m
+        return None
+
+
+@dataclass(frozen=True, slots=True)
 class Route:
     """A way through the network, as `vobc run --line FILE:NAME` takes it."""
 
@@ -266,10 +297,14 @@ class TrackNetwork:
     routes: tuple[Route, ...] = ()
     description: str = ""
     rollback_m: float = 2.0
+    crossings: tuple[TrackCrossing, ...] = ()
+    """Places where two tracks cross on the level: `name`, tracks `a` and `b`, chainages `a_m`
+    and `b_m`, and `clear_m`, 20 m from there, where a vehicle clears the other track."""
 
     def __post_init__(self) -> None:
         self._check_names()
         self._check_ends()
+        self._check_crossings()
         self._check_tags()
 
     def track(self, name: str) -> Track:
@@ -293,6 +328,7 @@ class TrackNetwork:
         for what, names in (
             ("tracks", [track.name for track in self.tracks]),
             ("switches", [switch.name for switch in self.switches]),
+            ("crossings", [crossing.name for crossing in self.crossings]),
             ("routes", [route.name for route in self.routes]),
         ):
             for name in names:
@@ -331,6 +367,25 @@ class TrackNetwork:
                 yield f"switches: {switch.name}: {leg}", end
         for end in self.buffer_stops:
             yield "buffer_stops", end
+
+    def _check_crossings(self) -> None:
+        known = {track.name: track for track in self.tracks}
+        for crossing in self.crossings:
+            for key, name, at_m in (
+                ("a", crossing.a, crossing.a_m),
+                ("b", crossing.b, crossing.b_m),
+            ):
+                what = f"crossings: {crossing.name}: {key}"
+                if name not in known:
+                    raise ValueError(
+                        f"{what}: there is no track {name!r}; the tracks are {', '.join(known)}"
+                    )
+                track = known[name]
+                if not track.start_m <= at_m <= track.end_m:
+                    raise ValueError(
+                        f"{what}_m {at_m:g} is not on track {name}, {track.start_m:g} m to "
+                        f"{track.end_m:g} m"
+                    )
 
     def _check_tags(self) -> None:
         seen: dict[int, str] = {}

@@ -9,7 +9,14 @@ from dataclasses import dataclass, replace
 from typing import Final, TypeVar
 
 from firmware_py.trackdb.line_map import LineMap
-from firmware_py.trackdb.network import PlatformEdge, Running, Track, TrackNetwork, TrackZone
+from firmware_py.trackdb.network import (
+    PlatformEdge,
+    Running,
+    Track,
+    TrackCrossing,
+    TrackNetwork,
+    TrackZone,
+)
 from firmware_py.trackdb.sites import (
     CurveSection,
     GradientSection,
@@ -76,6 +83,8 @@ class Path:
 
     legs: tuple[Leg, ...]
     line: LineMap
+    crossings: tuple[TrackCrossing, ...] = ()
+    """Crossings of the network."""
 
     def to_track(self, path_m: float) -> TrackPlace:
         """Where a place of the path is. Places beyond an end belong to the nearest track."""
@@ -112,7 +121,7 @@ def make_path(network: TrackNetwork, name: str, way: Sequence[tuple[str, Running
         except KeyError as error:
             raise ValueError(f"legs: {error.args[0]}") from None
         legs.append(Leg(track, running, legs[-1].to_m if legs else track.start_m))
-    return Path(tuple(legs), _line(network, name, legs))
+    return Path(tuple(legs), _line(network, name, legs), network.crossings)
 
 
 def _line(network: TrackNetwork, name: str, legs: Sequence[Leg]) -> LineMap:

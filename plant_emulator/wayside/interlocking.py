@@ -3,7 +3,8 @@
 A route leads from a signal over one switch, or over several without room for a signal between
 them, to the next signal. A signal stands before each switch on every track that leads to it. Trains
 follow each other over one route, but only one at a time goes into a track that ends at a buffer
-stop. The module is pure: it receives time and places of the trains.
+stop. Two tracks that cross are never taken by two of them. The module is pure: it receives time and
+places of the trains.
 """
 
 import enum
@@ -249,6 +250,12 @@ class SignalBox:
             for place in self.entering.values()
         )
 
+    def crossed_by(self, tracks: Collection[str]) -> set[str]:
+        """The tracks that cross any of these. No route leads into one while another holder has a
+        route into the other, or stands on it."""
+        pairs = [(each.a, each.b) for each in self.network.crossings]
+        return {two for one, two in (*pairs, *(pair[::-1] for pair in pairs)) if one in tracks}
+
     def taken(self, holder: str) -> Iterator[tuple[str, dict[str, Running]]]:
         """Tracks that others than the holder stand on or have a route into, by holder."""
         for train, routes in self.trains.items():
@@ -469,8 +476,11 @@ class Interlocking:
         ways = {leg.track.name: leg.running for leg in section.tracks}
         if not ways.keys().isdisjoint(self.closed) or self.box.kept_free(holder, ways):
             return False
+        crossed = self.box.crossed_by(ways)
         for other, taken in self.box.taken(holder):
             follows = self._are_trains(holder, other) and not section.dead_end
+            if not crossed.isdisjoint(taken):
+                return False
             for track, running in taken.items():
                 if track in ways and not (follows and running is ways[track]):
                     return False

@@ -62,12 +62,18 @@ def divided(network: TrackNetwork, path: Path) -> AreaMap:
 
 
 def check_paths(paths: Iterable[Path], source: str) -> None:
-    """Raise SettingsError if two paths run over a track in the same direction.
+    """Raise SettingsError if two paths run over a track in the same direction, or over a crossing.
 
     Their masters would not know of each other's trains.
     """
     owners: dict[tuple[str, Running], str] = {}
     for path in paths:
+        for crossing in path.crossings:
+            if {crossing.a, crossing.b} & {leg.track.name for leg in path.legs}:
+                raise SettingsError(
+                    f"{source}: route {path.line.name} runs over crossing {crossing.name}, which "
+                    "masters do not know; use routes without it, or leave out --masters"
+                )
         for leg in path.legs:
             owner = owners.setdefault((leg.track.name, leg.running), path.line.name)
             if owner != path.line.name:

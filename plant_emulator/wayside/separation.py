@@ -3,7 +3,7 @@
 Each train keeps a stretch of its path from others: from the rear of the track reserved behind it to
 the end of its authority. The stretches of two trains never share a piece of track. So a train
 follows the reserved rear of the train ahead, and two trains that run towards each other keep apart
-the ends of their authorities.
+the ends of their authorities. A stretch over a crossing also bars the crossed track there.
 """
 
 from collections.abc import Iterable, Iterator
@@ -39,14 +39,27 @@ class Stretch:
         }
 
     def parts_on(self, path: Path) -> Iterator[tuple[float, float]]:
-        """The parts that lie on another path, by the chainage of that path."""
+        """The parts that lie on another path or bar it at a crossing, by its chainage."""
+        for track, start_m, end_m in self._pieces():
+            yield from _on(path, track, start_m, end_m)
+            for crossing in self.path.crossings:
+                barred = crossing.across(track, start_m, end_m)
+                if barred is not None:
+                    yield from _on(path, *barred)
+
+    def _pieces(self) -> Iterator[tuple[str, float, float]]:
+        """Each track of the stretch, with both ends by the chainage of the track."""
         for leg in self.path.legs:
             low_m, high_m = max(self.rear_m, leg.from_m), min(self.end_m, leg.to_m)
-            if low_m >= high_m:
-                continue
-            for other in path.legs:
-                if other.track.name == leg.track.name:
-                    yield other.section_m(leg.track_m(low_m), leg.track_m(high_m))
+            if low_m < high_m:
+                ends_m = leg.track_m(low_m), leg.track_m(high_m)
+                yield leg.track.name, min(ends_m), max(ends_m)
+
+
+def _on(path: Path, track: str, start_m: float, end_m: float) -> Iterator[tuple[float, float]]:
+    for leg in path.legs:
+        if leg.track.name == track:
+            yield leg.section_m(start_m, end_m)
 
 
 def limit_m(own: Stretch, others: Iterable[Stretch], *, space_m: float = SPACE_M) -> float:

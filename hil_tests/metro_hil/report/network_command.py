@@ -103,5 +103,8 @@ def shown(network: TrackNetwork) -> Iterator[str]:
     for switch in network.switches:
         legs = f"{switch.left} (left), {switch.right} (right)"
         yield f"  switch {switch.name}: {switch.tip} to {legs}"
+    for crossing in network.crossings:
+        places = f"{crossing.a} {crossing.a_m:g} m and {crossing.b} {crossing.b_m:g} m"
+        yield f"  crossing {crossing.name}: {places}"
     for route in network.routes:
         yield f"  route {route.name}: {', '.join(route.legs)}"

@@ -14,6 +14,7 @@ STYLE: Final = (
     "text{font:12px sans-serif;fill:#222}.track{stroke:#222;stroke-width:4}"
     ".joint{stroke:#888;stroke-width:3;fill:none}.platform{fill:#e8a33d}"
     ".stop{stroke:#b00020;stroke-width:5}"
+    ".crossing{stroke:#b00020;stroke-width:2;stroke-dasharray:4 3}"
     ".neutral{stroke:#2b6cb0;stroke-width:10;stroke-opacity:.5}"
     ".evacuation{stroke:#2f855a;stroke-width:10;stroke-opacity:.5}"
     ".no-stop{stroke:#b7791f;stroke-width:10;stroke-opacity:.5}"
@@ -39,6 +40,7 @@ def network_svg(network: TrackNetwork) -> str:
     for end in network.buffer_stops:
         x_px, y_px = places[end], lanes[end.rpartition(".")[0]]
         parts.append(_line("stop", x_px, y_px - 8.0, x_px, y_px + 8.0))
+    parts += _crossings(network, places, lanes)
     return "\n".join([*parts, "</svg>", ""])
 
 
@@ -63,6 +65,24 @@ def _joints(
         yield _line("joint", x_px, y_px, places[other], lanes[other.rpartition(".")[0]])
         if name:
             yield _text(x_px + 4.0, y_px - 8.0, name)
+
+
+def _crossings(
+    network: TrackNetwork, places: dict[str, float], lanes: dict[str, float]
+) -> Iterator[str]:
+    """A broken line from the place of each crossing on one track to that on the other."""
+    for crossing in network.crossings:
+        (one_px, one_y_px), (other_px, other_y_px) = (
+            (_at_px(network.track(name), at_m, places), lanes[name])
+            for name, at_m in ((crossing.a, crossing.a_m), (crossing.b, crossing.b_m))
+        )
+        yield _line("crossing", one_px, one_y_px, other_px, other_y_px)
+        yield _text((one_px + other_px) / 2.0 + 4.0, (one_y_px + other_y_px) / 2.0, crossing.name)
+
+
+def _at_px(track: Track, at_m: float, places: dict[str, float]) -> float:
+    start_px, end_px = places[f"{track.name}.start"], places[f"{track.name}.end"]
+    return start_px + (at_m - track.start_m) / (track.end_m - track.start_m) * (end_px - start_px)
 
 
 def _track(track: Track, places: dict[str, float], y_px: float) -> Iterator[str]:

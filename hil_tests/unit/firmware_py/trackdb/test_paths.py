@@ -15,6 +15,7 @@ from firmware_py.trackdb.network import (
     Running,
     Serves,
     Track,
+    TrackCrossing,
     TrackLimit,
     TrackNetwork,
     TrackSwitch,
@@ -239,6 +240,10 @@ def test_a_place_of_another_track_is_refused() -> None:
         path.to_path(TrackPlace("siding", 0.0, UP))
 
 
+def crossing(a_m: float = 200.0, b: str = "c", clear_m: float = 20.0) -> TrackCrossing:
+    return TrackCrossing("K", "a", a_m, b, 50.0, clear_m)
+
+
 @pytest.mark.parametrize(
     ("way", "problem"),
     [
@@ -262,6 +267,12 @@ def test_an_impossible_way_is_refused(way: tuple[tuple[str, Running], ...], prob
         ({"buffer_stops": ("a.start", "b.end", "a.end")}, "two tracks would lie at one place"),
         ({"joins": (Join("c.end", "d.middle"),)}, "no track end 'd.middle'"),
         ({"tracks": ()}, "there is none"),
+        ({"crossings": (TrackCrossing("K", "a", 200.0, "x", 1.0),)}, "K: b: there is no track 'x'"),
+        ({"crossings": (TrackCrossing("K", "a", -1.0, "c", 1.0),)}, "K: a_m -1 is not on track a"),
+        (
+            {"crossings": (TrackCrossing("K", "a", 200.0, "c", 50.0),) * 2},
+            "crossings: K occurs twice",
+        ),
         (
             {"tracks": (straight("a", 0.0, 1.0), straight("a", 0.0, 1.0))},
             "tracks: a occurs twice",
@@ -271,6 +282,17 @@ def test_an_impossible_way_is_refused(way: tuple[tuple[str, Running], ...], prob
 def test_a_network_that_contradicts_itself_is_refused(change: dict[str, Any], problem: str) -> None:
     with pytest.raises(ValueError, match=problem):
         replace(triangle(), **change)
+
+
+@pytest.mark.parametrize(
+    ("b", "clear_m", "problem"),
+    [("a", 20.0, "K: a and b both name track a"), ("c", 0.0, "clear_m 0.0 is not positive")],
+)
+def test_a_crossing_that_contradicts_itself_is_refused(
+    b: str, clear_m: float, problem: str
+) -> None:
+    with pytest.raises(ValueError, match=problem):
+        crossing(b=b, clear_m=clear_m)
 
 
 @pytest.mark.parametrize(

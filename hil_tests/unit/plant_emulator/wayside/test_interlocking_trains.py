@@ -2,6 +2,7 @@
 
 import itertools
 from dataclasses import replace
+from math import inf
 from pathlib import Path
 from typing import Final
 
@@ -315,3 +316,34 @@ def _check(trains: list[Train]) -> None:
     for one, other in itertools.combinations(trains, 2):
         assert apart(one.inner.stretch, other.inner.stretch)
         assert apart(one.inner.body, other.inner.body)
+
+
+def test_two_tracks_that_cross_are_never_taken_by_two_trains() -> None:
+    """`in2` leads over the crossing from W1 to W4, `out1` from W3 to W2: no switch in common."""
+    scissors = FERRY.replace("ferry", "scissors")
+    network = load_network(scissors)
+    box = SignalBox(network)
+
+    def train(name: str, route: str, front_m: float) -> Interlocking:
+        path = load_path(f"{scissors}:{route}")
+        to_m = path.line.end_m
+        shared = SharedNetwork(box, name)
+        return Interlocking(
+            network, path, to_m=to_m, front_m=front_m, rear_m=front_m - LENGTH_M, shared=shared
+        )
+
+    leaves, comes = train("leaves", "out1", 120.0), train("comes", "in2", 900.0)
+    leaves.step(0, front_m=120.0, rear_m=120.0 - LENGTH_M)
+    for now_ns in (NS, 10 * NS):
+        comes.step(now_ns, front_m=900.0, rear_m=900.0 - LENGTH_M)
+    assert leaves.limit_m == inf
+    assert comes.limit_m == load_path(f"{scissors}:in2").legs[1].to_m - 20.0
+    assert comes.refusals == 1
+
+    # Its rear is on the crossing track still, and then behind it.
+    leaves.step(11 * NS, front_m=290.0 + LENGTH_M, rear_m=290.0)
+    comes.step(12 * NS, front_m=900.0, rear_m=900.0 - LENGTH_M)
+    assert {each for each, _ in box.locked()} == {"leaves"}
+    leaves.step(13 * NS, front_m=301.0 + LENGTH_M, rear_m=301.0)
+    comes.step(14 * NS, front_m=900.0, rear_m=900.0 - LENGTH_M)
+    assert {each for each, _ in box.locked()} == {"leaves", "comes"}

@@ -14,6 +14,13 @@ from plant_emulator.wayside.separation import SPACE_M, Stretch, apart, limit_m
 FERRY: Final = str(Path(__file__).resolve().parents[4] / "docs/examples/line/ferry.toml")
 OUT: Final = load_path(f"{FERRY}:out")
 BACK: Final = load_path(f"{FERRY}:back")
+SCISSORS: Final = FERRY.replace("ferry", "scissors")
+IN2: Final = load_path(f"{SCISSORS}:in2")
+OUT1: Final = load_path(f"{SCISSORS}:out1")
+K1_IN_M: Final = IN2.legs[2].path_m(30.0)
+"""The crossing by the chainage of each path. A vehicle 20 m away clears it."""
+K1_OUT_M: Final = OUT1.legs[1].path_m(30.0)
+CLEAR_M: Final = 20.0
 
 
 def out(rear_m: float, end_m: float) -> Stretch:
@@ -84,3 +91,40 @@ def test_an_authority_up_to_the_limit_shares_no_track(
     else:
         # There is no room to move; the authority ends before the other stretch all the same.
         assert all(end_m <= low - SPACE_M for low, high in other.parts_on(OUT) if high > rear_m)
+
+
+@pytest.mark.parametrize(
+    ("rear_m", "end_m", "limit"),
+    [
+        # The stretch ends where a vehicle clears the other track, or has left that place.
+        (-90.0, -CLEAR_M, inf),
+        (CLEAR_M, 90.0, inf),
+        (-90.0, -CLEAR_M + 0.01, K1_OUT_M - CLEAR_M - SPACE_M),
+        (CLEAR_M - 0.01, 90.0, K1_OUT_M - CLEAR_M - SPACE_M),
+    ],
+)
+def test_a_stretch_over_a_crossing_bars_the_crossed_track(
+    rear_m: float, end_m: float, limit: float
+) -> None:
+    over = Stretch(IN2, K1_IN_M + rear_m, K1_IN_M + end_m)
+    waits = Stretch(OUT1, K1_OUT_M - 200.0, K1_OUT_M - 130.0)
+
+    assert limit_m(waits, [over]) == limit
+
+
+@settings(deadline=None)
+@given(st.floats(-200.0, 200.0), st.floats(1.0, 300.0), st.floats(-200.0, 200.0))
+def test_two_trains_are_never_at_a_crossing_at_once(
+    rear_m: float, length_m: float, other_m: float
+) -> None:
+    over = Stretch(IN2, K1_IN_M + rear_m, K1_IN_M + rear_m + length_m)
+    waits = Stretch(OUT1, K1_OUT_M + other_m, K1_OUT_M + other_m + 70.0)
+
+    def is_there(stretch: Stretch, at_m: float) -> bool:
+        return stretch.rear_m < at_m + CLEAR_M and at_m - CLEAR_M < stretch.end_m
+
+    both = is_there(over, K1_IN_M) and is_there(waits, K1_OUT_M)
+    assert apart(waits, over) is apart(over, waits) is not both
+    if not both and other_m < 0.0:
+        reached = Stretch(OUT1, waits.rear_m, min(limit_m(waits, [over]), K1_OUT_M + 300.0))
+        assert apart(reached, over)
