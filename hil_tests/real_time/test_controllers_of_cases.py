@@ -24,9 +24,9 @@ from metro_hil.run.dispatch import run_case
 ROOT: Final = Path(__file__).parents[2]
 EXAMPLE: Final = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 HOP: Final = {"start": "II", "end": "III", "duration_s": 180.0}
-SHORT: Final = {**HOP, "duration_s": 30.0}
+SHORT: Final = {**HOP, "duration_s": 20.0}
 ARRIVES: Final = {"name": "arrives", "measure": "arrived_count", "min": 1.0}
-DIES_AT_S: Final = 20.0
+DIES_AT_S: Final = 14.0
 
 SPOILED: Final = f"""\
 import json, os, sys, time
@@ -138,11 +138,11 @@ def test_the_shipped_controller_as_a_process_runs_the_same_case(
 @pytest.mark.parametrize(
     "fault",
     [
-        {"kind": "controller_killed", "start_s": 20.0},
-        {"kind": "controller_killed", "start_s": 20.0, "end_s": 20.5},
-        {"kind": "controller_paused", "start_s": 20.0, "end_s": 20.33},
-        {"kind": "clock_step", "step_s": 0.2, "start_s": 20.0},
-        {"kind": "frame_delay", "delay_s": 0.03, "start_s": 20.0, "end_s": 22.0},
+        {"kind": "controller_killed", "start_s": 14.0},
+        {"kind": "controller_killed", "start_s": 14.0, "end_s": 14.5},
+        {"kind": "controller_paused", "start_s": 14.0, "end_s": 14.33},
+        {"kind": "clock_step", "step_s": 0.2, "start_s": 14.0},
+        {"kind": "frame_delay", "delay_s": 0.03, "start_s": 14.0, "end_s": 16.0},
     ],
     ids=("killed", "restarted", "paused", "stepped", "delayed"),
 )
@@ -157,15 +157,15 @@ def test_a_fault_acts_equally_on_a_controller_process(fault: dict[str, Any]) -> 
 
 def test_a_slow_controller_sends_everything_late(bench: Bench, tmp_path: Path) -> None:
     """The oracle is BRAKE_CMD on the bus, which comes later by the delay than without the fault."""
-    slow = {"kind": "slow_cycle", "extra_s": 0.03, "start_s": 20.0, "end_s": 24.0}
+    slow = {"kind": "slow_cycle", "extra_s": 0.03, "start_s": 14.0, "end_s": 18.0}
     first_ns = []
     for number, faults in enumerate(([], [slow])):
         live = bench.start(hop(controller=OURS[0], fault=faults))
-        live.run_for(25.0)
+        live.run_for(19.0)
         live.close()
         log = (tmp_path / f"run{number + 1}" / "bus.log").read_text().splitlines()
         stamps = [float(line[1:].partition(")")[0]) for line in log if " 101#" in line]
-        first_ns.append([stamp for stamp in stamps if 20.1 < stamp < 23.9])
+        first_ns.append([stamp for stamp in stamps if 14.1 < stamp < 17.9])
 
     assert len(first_ns[0]) == len(first_ns[1]) > 70
     late_s = [late - stamp for stamp, late in zip(*first_ns, strict=True)]
@@ -178,7 +178,7 @@ def test_a_slow_controller_sends_everything_late(bench: Bench, tmp_path: Path) -
 def test_a_killed_controller_is_gone_at_once_and_gets_its_restart_data(
     spoiled: Spoiled, tmp_path: Path
 ) -> None:
-    fault = {"kind": "controller_killed", "start_s": 20.0, "end_s": 20.5}
+    fault = {"kind": "controller_killed", "start_s": 14.0, "end_s": 14.5}
     (case,) = hop(SHORT, controller=spoiled.table("well"), fault=[fault]).cases()
     place = RunFolder(tmp_path / "run")
     place.path.mkdir()
@@ -189,7 +189,7 @@ def test_a_killed_controller_is_gone_at_once_and_gets_its_restart_data(
     assert result.verdict is Verdict.PASS, result.reason
     log = (place.path / "ports.log").read_text().splitlines()
     told = [json.loads(line[6:])["told"] for line in log if line.startswith("start ")]
-    assert [each["start_ns"] for each in told] == [0, 20_500_000_000]
+    assert [each["start_ns"] for each in told] == [0, 14_500_000_000]
     assert told[1]["memory"]["boot_count"] == told[0]["memory"]["boot_count"] + 1
     assert told[0]["standing"] is None
     assert told[1]["standing"] is not None
@@ -201,10 +201,10 @@ def test_a_killed_controller_is_gone_at_once_and_gets_its_restart_data(
 @pytest.mark.parametrize(
     ("how", "words"),
     [
-        ("dies", ["died at t=20.000 s", "exit code 1", "ZeroDivisionError: in the brake curve"]),
-        ("killed", ["died at t=20.000 s", "SIGKILL"]),
-        ("hangs", ["hung at t=20.000 s", "no answer within 0.4 s"]),
-        ("garbage", ["broke the protocol at t=20.000 s", "brake!"]),
+        ("dies", ["died at t=14.000 s", "exit code 1", "ZeroDivisionError: in the brake curve"]),
+        ("killed", ["died at t=14.000 s", "SIGKILL"]),
+        ("hangs", ["hung at t=14.000 s", "no answer within 0.4 s"]),
+        ("garbage", ["broke the protocol at t=14.000 s", "brake!"]),
     ],
 )
 def test_a_failing_controller_fails_the_case_and_the_run_continues_to_standstill(
@@ -253,13 +253,13 @@ def test_a_controller_that_does_not_start_blocks_the_case(
 
 
 def test_a_controller_that_does_not_restart_fails_the_case(spoiled: Spoiled) -> None:
-    fault = {"kind": "controller_killed", "start_s": 20.0, "end_s": 20.5}
+    fault = {"kind": "controller_killed", "start_s": 14.0, "end_s": 14.5}
 
     result = result_of(controller=spoiled.table("never again"), fault=[fault])
 
     spoiled.assert_gone(starts=2)
     assert result.verdict is Verdict.FAIL
-    assert "did not start again at t=20.500 s" in result.reason
+    assert "did not start again at t=14.500 s" in result.reason
     assert "no room on the board" in result.reason
 
 
@@ -282,7 +282,7 @@ def test_a_test_observes_the_death_of_a_controller_and_the_run_goes_on(
     bench: Bench, spoiled: Spoiled
 ) -> None:
     run = bench.start(hop(controller=spoiled.table("dies")))
-    with pytest.raises(Exception, match=r"died at t=20\.000 s"):
+    with pytest.raises(Exception, match=r"died at t=14\.000 s"):
         run.run_for(30.0)
 
     run.run_until("speed_mps == 0", timeout_s=30.0)
