@@ -67,6 +67,8 @@ class LineCommand:
         """Refusals of the line's radio."""
         self._out: list[tuple[str, bytes]] = []
         self.out_of_service = False
+        self.waits = False
+        """The train is not due yet: it takes part, but its controller gets no authority."""
 
     def apply(self, now_ns: int, motion: Motion | None) -> None:
         """Receive at the beginning of a control cycle. The cycle then acts on the authority
@@ -124,7 +126,7 @@ class LineCommand:
     def hold_on(self, link: RadioLink) -> None:
         """Give the authority held, or its absence, to the link from which the controller reads."""
         held = self.held
-        if held is None:
+        if held is None or self.waits:
             link.hold(None, 0, ())
             return
         link.hold(_authority_of(held), held.echo_ns, _restrictions_of(held))

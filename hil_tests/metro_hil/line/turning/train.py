@@ -88,7 +88,7 @@ class TurningTrain:
         self._plan, self._box, self._folder, self._masters = plan, box, folder, masters
         self._command: LineCommand | None = None
         self._departs_ns = 0
-        """Instant of the trip until which the centre holds the train."""
+        """Instant of the trip before which the train does not depart."""
         self._departure: Departure | None = None
         self._cab_b = False
         """Whether the train runs with the cab ahead that was behind at first."""
@@ -163,11 +163,9 @@ class TurningTrain:
             self._command = None
 
     def _be_commanded(self, bench: Lockstep, command: LineCommand) -> None:
-        """Keep the stretch of a train that masters command, and let the centre hold it."""
-        now_ns, routes, centre = bench.clock.now_ns(), self.interlocking, bench.plant.railway.centre
-        hold = now_ns < self._departs_ns
-        if hold is not centre.standing.hold:
-            centre.standing = replace(centre.standing, hold=hold)
+        """Keep the stretch of a train that masters command, and let it wait until it is due."""
+        routes = self.interlocking
+        command.waits = bench.clock.now_ns() < self._departs_ns
         end_m, body = self.authority_end_m, routes.body
         routes.keep(rear_m=body.rear_m - REAR_M, end_m=max(body.end_m, end_m or body.end_m))
         # A master that is about to leave hands over while it still commands.
