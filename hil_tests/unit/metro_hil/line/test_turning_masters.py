@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Final
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from firmware_py.ports import TunableRadioPort
 from firmware_py.settings import SettingsError
@@ -18,9 +20,13 @@ from firmware_py.trackdb.paths import Path as Way
 from metro_hil.line.turning.invariants import Between
 from metro_hil.line.turning.masters import ARBITERS, AXLES, NS_PER_S, Masters
 from plant_emulator.wayside.interlocking import AT_STOP_M, Interlocking, SharedNetwork, SignalBox
-from plant_emulator.wayside.route_objects import check_paths, divided
+from plant_emulator.wayside.line_object import LineObject
+from plant_emulator.wayside.route_objects import check_paths, claimed, divided, truth_of
+from plant_emulator.wayside.t2t_vocabulary import ObjectMemory
 from vobc.train_to_train.vocabulary import OwnTrain, T2tConfig
 from vobc.wire.line_radio import LineRadio
+from zenoh_config.messages import WAYSIDE
+from zenoh_config.t2t import ClaimKind, ObjectClaim, ObjectState
 
 NETWORK_FILE: Final = """
 name = "short"
@@ -269,3 +275,116 @@ def test_trains_leave_and_enter_while_a_master_is_cut_off(file: str) -> None:
     assert shuttle.between.violations == []
     assert shuttle.between.checked_count > 1000
     assert first.brakes == second.brakes == 0
+
+
+class Claims:
+    """The objects of both paths, and two trains that pass them only while they are locked."""
+
+    def __init__(self, file: str) -> None:
+        self.network = load_network(file)
+        self.ways = tuple(load_path(f"{file}:{name}") for name in ("out", "back"))
+        self.areas = tuple(divided(self.network, way) for way in self.ways)
+        self.box, self.now_ns, self.nonce = SignalBox(self.network), 0, 0
+        self.objects = tuple(
+            {
+                site.number: LineObject(T2T.timers, site, 1, memory=ObjectMemory(), start_ns=0)
+                for site in areas.objects
+            }
+            for areas in self.areas
+        )
+        self.on, self.fronts_m = [0, 1], [50.0, 50.0]
+        self.routes = [self.enter(train) for train in (0, 1)]
+
+    def enter(self, train: int) -> Interlocking:
+        way, front_m = self.ways[self.on[train]], self.fronts_m[train]
+        return Interlocking(
+            self.network,
+            way,
+            to_m=way.line.stations[-1].stop_m,
+            front_m=front_m,
+            rear_m=front_m - LENGTH_M,
+            shared=SharedNetwork(self.box, f"train {train}"),
+        )
+
+    def move(self, train: int, by_m: float) -> None:
+        """Run on, but not into an object that is not locked for this path."""
+        way = self.on[train]
+        goal_m = min(self.fronts_m[train] + by_m, self.ways[way].line.stations[-1].stop_m)
+        for each in self.objects[way].values():
+            locked = each.memory.state is ObjectState.LOCKED
+            if self.fronts_m[train] <= each.site.start_m and not (
+                locked and self.routes[train].is_set_ahead(each.site.number - 1)
+            ):
+                goal_m = min(goal_m, each.site.start_m)
+        self.fronts_m[train] = goal_m
+        if goal_m == self.ways[way].line.stations[-1].stop_m:
+            self.on[train] = 1 - way
+            self.fronts_m[train] = 50.0
+            self.routes[train] = self.enter(train)
+
+    def locked(self) -> list[str]:
+        """The switch of each locked object."""
+        names = ({1: "W1", 2: "W2"}, {1: "W2", 2: "W1"})
+        return [
+            names[way][number]
+            for way, objects in enumerate(self.objects)
+            for number, each in objects.items()
+            if each.memory.state is ObjectState.LOCKED
+        ]
+
+    def step(self, *, acts: bool) -> None:
+        """Let masters claim what is offered and release what is wanted back, or do nothing."""
+        self.now_ns += NS_PER_S_INT
+        for train, routes in enumerate(self.routes):
+            front_m = self.fronts_m[train]
+            routes.step(self.now_ns, front_m=front_m, rear_m=front_m - LENGTH_M)
+        for number, (way, areas) in enumerate(zip(self.ways, self.areas, strict=True)):
+            truth = truth_of(areas, way, self.box.trains.values(), AXLES)
+            for each in self.objects[number].values():
+                wanted = each.site.number in truth.release_wanted
+                kind = ClaimKind.RELEASE if wanted else ClaimKind.CLAIM
+                self.nonce += 1
+                head = (1, WAYSIDE, 1, 1, 1, self.nonce, self.now_ns)
+                claim = ObjectClaim(*head, each.site.number, kind, self.nonce)
+                each.step(
+                    self.now_ns,
+                    (claim,) if acts else (),
+                    release_wanted=wanted,
+                    occupied=each.site.number in truth.occupied,
+                )
+                inside = any(
+                    on == number and each.site.start_m < front_m < each.site.end_m
+                    for on, front_m in zip(self.on, self.fronts_m, strict=True)
+                )
+                assert each.memory.state is ObjectState.LOCKED or not inside
+            self.box.claimed[way.line.name] = claimed(
+                self.network,
+                way,
+                areas,
+                {n: e.memory.state for n, e in self.objects[number].items()},
+            )
+
+
+NS_PER_S_INT: Final = 1_000_000_000
+
+
+Moves = list[tuple[int, float, bool]]
+
+
+@settings(max_examples=10, deadline=None)
+@given(
+    st.lists(
+        st.tuples(st.sampled_from((0, 1)), st.floats(10.0, 60.0), st.booleans()),
+        min_size=60,
+        max_size=60,
+    )
+)
+def test_no_switch_moves_while_it_is_locked_for_a_master(file: str, moves: Moves) -> None:
+    claims = Claims(file)
+    for train, by_m, acts in moves:
+        aims = {name: each.aim for name, each in claims.box.machines.items()}
+        before = claims.locked()
+        claims.move(train, by_m)
+        claims.step(acts=acts)
+        assert all(claims.box.machines[switch].aim is aims[switch] for switch in before)
+        assert len(set(claims.locked())) == len(claims.locked())
