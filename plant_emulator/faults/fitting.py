@@ -20,7 +20,8 @@ from plant_emulator.foreign import ForeignParts
 from plant_emulator.train_config import TrainConfig
 
 EFFORT: Final = (Node.TCU, Node.BCU)
-TRACK_FAULTS: Final = (SwitchLost, SwitchStray, SwitchStuck, RouteSet, TrackClosed)
+SWITCH_FAULTS: Final = (SwitchLost, SwitchStray, SwitchStuck)
+TRACK_FAULTS: Final = (*SWITCH_FAULTS, RouteSet, TrackClosed)
 """Faults that need a network with switches."""
 NODES_OF_PLACE: Final[Mapping[FaultPlace, tuple[Node, ...]]] = {
     FaultPlace.ACTUATOR: EFFORT,
@@ -63,6 +64,25 @@ def check_fitting(
             raise SettingsError(
                 f"{source}: fault[{plan.index}].kind: {plan.kind.name}: the train {train.name} has "
                 "no current loops; choose one with loops, or set loop.connected of the real train"
+            )
+
+
+def check_acting(faults: Iterable[FaultPlan], source: str, *, trains: int, trips: int) -> None:
+    """Raise SettingsError for a fault of a train or trip that the case does not have.
+
+    A switch belongs to all trains, so the trip of one of them decides when its fault acts.
+    """
+    for plan in faults:
+        where = f"{source}: fault[{plan.index}]"
+        for key, number, most in (("train", plan.train, trains), ("trip", plan.trip, trips)):
+            if number is not None and number > most:
+                raise SettingsError(
+                    f"{where}.{key}: {number}: the case has {most}; choose 1 to {most}"
+                )
+        if trains > 1 and plan.train is None and isinstance(plan.parameters, SWITCH_FAULTS):
+            raise SettingsError(
+                f"{where}.train: missing key: {plan.kind.name} acts on a switch of all trains; "
+                "add the train in whose trips it acts"
             )
 
 

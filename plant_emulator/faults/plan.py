@@ -68,6 +68,7 @@ def _compiled(text: str) -> Expression:
     return compile_expression(text, (*SIGNALS, *REPORTED), REPORTED)
 
 
+SERVICE_KEYS: Final = ("train", "trip")
 WINDOW_KEYS: Final = ("start_s", "end_s", "duration_s", "when", "until", "repeat")
 
 
@@ -83,6 +84,14 @@ class FaultPlan:
     window: FaultWindow
     seed: int | None = None
     """Seed of this fault alone; None takes the run's seed."""
+    train: int | None = None
+    """Number of the train, from 1; None for every train."""
+    trip: int | None = None
+    """Number of the trip of a service, from 1; None for every trip."""
+
+    def acts_in(self, *, train: int, trip: int) -> bool:
+        """Whether the fault may act on a train in one of its trips."""
+        return self.train in (None, train) and self.trip in (None, trip)
 
     def generator(self, run_seed: int) -> np.random.Generator:
         """Return the generator of this fault alone, so that other faults do not affect it."""
@@ -100,7 +109,9 @@ def read_faults(tables: Sequence[Mapping[str, Any]], source: str) -> tuple[Fault
 
 
 def read_fault(table: Mapping[str, Any], index: int, source: str) -> FaultPlan:
-    """Read one table: `kind`, the keys of FaultWindow, `seed`, and the parameters of the kind."""
+    """Read one table: `kind`, the keys of FaultWindow, SERVICE_KEYS, `seed`, and the parameters of
+    the kind.
+    """
     where = f"fault[{index}]"
     name = table.get("kind")
     if not isinstance(name, str) or name not in CATALOGUE:
@@ -109,14 +120,12 @@ def read_fault(table: Mapping[str, Any], index: int, source: str) -> FaultPlan:
         what = "missing key" if name is None else f"{name!r}: unknown kind"
         raise SettingsError(f"{source}: {where}.kind: {what}; {hint}")
     kind = CATALOGUE[name]
-    seed = table.get("seed")
-    if seed is not None and (isinstance(seed, bool) or not isinstance(seed, int) or seed < 0):
-        raise SettingsError(f"{source}: {where}.seed: {seed!r} is not a whole number of 0 or more")
+    seed = _whole(table, "seed", 0, f"{source}: {where}")
     window = {key: value for key, value in table.items() if key in WINDOW_KEYS}
     rest = {
         key: value
         for key, value in table.items()
-        if key not in WINDOW_KEYS and key not in ("kind", "seed")
+        if key not in (*WINDOW_KEYS, *SERVICE_KEYS, "kind", "seed")
     }
     return FaultPlan(
         index=index,
@@ -124,4 +133,15 @@ def read_fault(table: Mapping[str, Any], index: int, source: str) -> FaultPlan:
         parameters=settings.build(kind.parameters, rest, source, where),
         window=settings.build(FaultWindow, window, source, where),
         seed=seed,
+        train=_whole(table, "train", 1, f"{source}: {where}"),
+        trip=_whole(table, "trip", 1, f"{source}: {where}"),
     )
+
+
+def _whole(table: Mapping[str, Any], key: str, least: int, where: str) -> int | None:
+    value = table.get(key)
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int) or value < least:
+        raise SettingsError(f"{where}.{key}: {value!r} is not a whole number of {least} or more")
+    return value

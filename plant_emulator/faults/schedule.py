@@ -48,6 +48,14 @@ class Schedule:
                 for listener in self._listeners:
                     listener(timer.plan, active, now_ns)
 
+    def finish(self, now_ns: int) -> None:
+        """End all active faults, because the train goes on without this schedule."""
+        for timer in self._timers:
+            if timer.active:
+                timer.active, timer.done = False, True
+                for listener in self._listeners:
+                    listener(timer.plan, False, now_ns)
+
     @property
     def active(self) -> tuple[FaultPlan, ...]:
         return tuple(timer.plan for timer in self._timers if timer.active)

@@ -64,6 +64,8 @@ seed = 7
 | `duration_s` | duration from the begin |
 | `until` | condition that ends the fault |
 | `repeat` | whether the fault may begin again after its end; default false |
+| `train` | number of the train of several on which it acts; default: on each |
+| `trip` | number of the trip of a service in which it acts; default: in each |
 | `seed` | seed of its random numbers; by default the case's seed and its place in the file |
 
 The earliest of these ends counts; without any, the fault acts to the end of the run. The plant

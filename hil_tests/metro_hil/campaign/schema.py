@@ -10,6 +10,7 @@ from can_dbc.cab import CabMode
 from firmware_py.expression import ExpressionError, compile_expression
 from firmware_py.settings import nearest
 from metro_hil.model.case import TIME_MAX_S, BenchKind, ControllerSpec, PlantSpec
+from metro_hil.model.service import TRAINS_MAX
 from plant_emulator.desk.drivers import DRIVERS
 from plant_emulator.truth import SIGNALS
 
@@ -105,6 +106,7 @@ class TrainKeys:
     wakes_up: bool = False
     memory_line: str | None = None
     service: str | None = None
+    trains: int | None = None
 
     def __post_init__(self) -> None:
         in_range(self, "load_ratio", 0.0, 1.0)
@@ -119,6 +121,9 @@ class TrainKeys:
             )
         if self.memory_line is not None and not self.wakes_up:
             raise ValueError(f"memory_line {self.memory_line!r} needs wakes_up = true")
+        in_range(self, "trains", 1, TRAINS_MAX)
+        if self.trains is not None and self.service is None:
+            raise ValueError(f"trains {self.trains} needs service, whose trips the trains make")
         if self.service is not None:
             given = [name for name in ("start", "end") if getattr(self, name) is not None]
             given += ["wakes_up"] if self.wakes_up else []

@@ -8,7 +8,7 @@ from typing import Final, TypeVar
 from firmware_py.settings import SettingsError, is_path
 from firmware_py.trackdb import LineMap, load_line
 from firmware_py.trackdb.circuit import split_route, with_route
-from metro_hil.model.service import PlannedTrip, line_of_service, load_single
+from metro_hil.model.service import PlannedTrip, line_of_service, load_service
 from plant_emulator.desk.recording import DeskRecording, load_recording
 from plant_emulator.train_config import TrainConfig, load_train
 from vobc.config import VobcConfig, load_config
@@ -47,7 +47,7 @@ class Sources:
     def service(self, written: str, line: str) -> tuple[str, tuple[PlannedTrip, ...]]:
         """Name and trips of a service on a line, which is always a file of the user."""
         on_line = str(self._folder / line) if is_path(line) else line
-        return self._get("service", written, lambda path: load_single(path, on_line))
+        return self._get("service", written, lambda path: load_service(path, on_line))
 
     def line_of_service(self, written: str) -> str:
         """The line that a service names, as a campaign in its folder would write it."""

@@ -8,11 +8,12 @@ import msgspec
 from firmware_py import settings
 from firmware_py.settings import SettingsError, nearest, override
 from firmware_py.trackdb import LineMap
-from firmware_py.trackdb.circuit import split_route, with_route
+from firmware_py.trackdb.circuit import load_network, split_route, with_route
 from metro_hil.campaign.problems import Findings, attempt, salvage
 from metro_hil.campaign.schema import OVERRIDES, TRAIN, TimetableKeys, TrainKeys
 from metro_hil.campaign.sources import Sources
 from metro_hil.model.case import Setup
+from metro_hil.model.service import needs_switches, read_service
 from plant_emulator.train_config import TrainConfig
 from vobc.config import VobcConfig
 from vobc.plausible import implausible
@@ -79,13 +80,21 @@ def _read_service(
     for trip in trips:
         _, route = split_route(trip.line)
         alone = {**train, "line": with_route(written, route), "start": trip.start, "end": trip.end}
-        del alone["service"]
+        for key in ("service", "trains"):
+            alone.pop(key, None)
         table = {"dwell_s": dict(trip.dwell_s)}
         read = read_setup({"train": alone, "timetable": table}, sources, findings)
         if read is None or len(findings.found) > before:
             return None
         reads.append(read)
-    return msgspec.structs.replace(reads[0], service=name, start=None, end=None, dwell_s={})
+    trains = setup.trains or read_service(str(sources.paths[name])).trains
+    network, _ = split_route(trips[0].line)
+    if trains > 1 and not load_network(network).switches:
+        findings.add("train.service", needs_switches(trains, written))
+        return None
+    return msgspec.structs.replace(
+        reads[0], service=name, trains=setup.trains, start=None, end=None, dwell_s={}
+    )
 
 
 def _given(

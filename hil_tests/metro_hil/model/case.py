@@ -77,6 +77,8 @@ class Setup(msgspec.Struct, frozen=True, kw_only=True):
     applies."""
     service: str | None = None
     """Service whose trips the train makes; a file of the user. `line` is that of the first trip."""
+    trains: int | None = None
+    """Number of trains that make the trips; None for that of the service."""
     real: ConfigTable = {}
     """Overrides of the consist's file by dotted key, such as `brake.service.gain_ratio.low`."""
     believed: ConfigTable = {}

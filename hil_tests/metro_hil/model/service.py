@@ -128,15 +128,12 @@ def load_service(name: str, line: str | None = None) -> tuple[PlannedTrip, ...]:
         return plan_trips(service, line or line_beside(service, path), name)
 
 
-def load_single(name: str, line: str | None = None) -> tuple[PlannedTrip, ...]:
-    """The same for a service of one train, as scenarios run it. Raises SettingsError."""
-    trains = read_service(name).trains
-    if several(name):
-        raise SettingsError(
-            f"{name}: trains {trains}: a scenario runs one train; leave trains out here, or use "
-            "`vobc run --lockstep --service`"
-        )
-    return load_service(name, line)
+def needs_switches(trains: int, line: str) -> str:
+    """The text about several trains on a line without switches."""
+    return (
+        f"trains {trains}: {line} has no switches, so trains that turn round would meet; name a "
+        "network with switches, or leave trains out"
+    )
 
 
 def service_of(setup: Setup, files: Files) -> tuple[PlannedTrip, ...]:
@@ -144,7 +141,14 @@ def service_of(setup: Setup, files: Files) -> tuple[PlannedTrip, ...]:
     if setup.service is None:
         return ()
     base, _ = split_route(file_name(setup.line, files))
-    return load_single(file_name(setup.service, files), base)
+    return load_service(file_name(setup.service, files), base)
+
+
+def trains_of(setup: Setup, files: Files) -> int:
+    """Number of trains of a case. Raises SettingsError."""
+    if setup.service is None:
+        return 1
+    return setup.trains or read_service(file_name(setup.service, files)).trains
 
 
 def line_of_service(name: str) -> str:

@@ -39,7 +39,7 @@ from plant_emulator.faults.fitting import check_provided
 from plant_emulator.faults.kinds import BENCH_PLACES, FaultPlace
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.truth import SIGNALS, Truth
-from plant_emulator.wayside.interlocking import Interlocking
+from plant_emulator.wayside.interlocking import Interlocking, SharedNetwork
 from plant_emulator.world import STEP_NS
 from vobc.vocabulary import CycleOutput
 
@@ -104,16 +104,18 @@ class CaseRun:
         parts: CaseParts,
         folder: RunFolder | None,
         places: frozenset[FaultPlace] = frozenset(),
+        shared: SharedNetwork | None = None,
     ) -> None:
         """Args:
         places: places where faults of other cases may act that continue from a copy of this run.
+        shared: the network that the train shares with others.
         """
         self.case = case
         self.parts = parts
         self.truth = Truth()
         """True state of the train after the last step of the plant."""
         self._chain = FrameHash()
-        self._rows = MemoryLog()
+        self.rows = MemoryLog()
         self._commands = CommandLog(inertia_of(parts.scenario.train))
         self._notches = NotchLog()
         self._brake_reports = BrakeReports()
@@ -144,11 +146,12 @@ class CaseRun:
                 frame=self._frame,
                 said=self._monitors.said if own_port else None,
                 truth=self._truth,
-                rows=self._rows,
+                rows=self.rows,
                 radio=self._monitors.radio,
             ),
             controller=case.controller,
             plant=case.plant,
+            shared=shared,
         )
         self._events: list[CaseEvent] = []
         self._output: CycleOutput | None = None
@@ -269,6 +272,15 @@ class CaseRun:
         return self._reason
 
     @property
+    def violated(self) -> bool:
+        """Whether a violation ends the run."""
+        return self.case.stop_at_violation and self._monitors.violated is not None
+
+    def end(self, reason: str) -> None:
+        """Record how the run ended, unless its controller died."""
+        self._reason = self._reason or reason
+
+    @property
     def moved_m(self) -> float:
         """Greatest distance of the train from its start."""
         return self._moved_m
@@ -287,7 +299,7 @@ class CaseRun:
         if now_ns % STEP_NS:
             # A run ends only at steps of the plant, so that no other task decides when.
             return False
-        if self.case.stop_at_violation and self._monitors.violated is not None:
+        if self.violated:
             self._reason = VIOLATION
         elif self.bench.arrived:
             self._reason = ARRIVED
@@ -379,7 +391,7 @@ class CaseRun:
 
     def _measures(self) -> dict[str, float | None]:
         bench, parts = self.bench, self.parts
-        truth = self._rows.columns()
+        truth = self.rows.columns()
         journey, fastest_s = parts.journey, journey_fastest_s(parts.journey, parts.config.ato)
         measures = motion_measures(
             truth, journey.stops, journey.planned_run_s, fastest_s, self._bounds

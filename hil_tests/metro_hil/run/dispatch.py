@@ -1,13 +1,19 @@
 """Runs a case on the bench that it names; called by workers, tests and tools."""
 
-from collections.abc import Iterator, Sequence
+import importlib
+from collections.abc import Callable, Iterator, Sequence
+from typing import Final
 
+from firmware_py.settings import SettingsError
 from metro_hil.model.case import BenchKind, Case, CaseResult
 from metro_hil.model.case_setup import NO_FILES, Files
 from metro_hil.model.run_folder import RunFolder
+from metro_hil.model.service import trains_of
 from metro_hil.run import branch
-from metro_hil.run.case import run_alone
+from metro_hil.run.case import blocked, run_alone
 from metro_hil.run.service_case import run_service, runs_service
+
+SEVERAL: Final = "metro_hil.line.turning.case:run_several"
 
 
 def run_case(case: Case, *, files: Files = NO_FILES, folder: RunFolder | None = None) -> CaseResult:
@@ -18,7 +24,12 @@ def run_case(case: Case, *, files: Files = NO_FILES, folder: RunFolder | None = 
         folder: folder for all logs. Without it, a case in virtual time writes nothing to disk.
     """
     if case.bench is BenchKind.LOCKSTEP and runs_service(case):
-        return run_service(case, files=files, folder=folder)
+        try:
+            several = trains_of(case.setup, files) > 1
+        except SettingsError as error:
+            return blocked(case, error)
+        run = _several() if several else run_service
+        return run(case, files=files, folder=folder)
     if case.bench is BenchKind.LOCKSTEP:
         return run_alone(case, files=files, folder=folder)
     from metro_hil.realtime import run_realtime_case
@@ -34,6 +45,13 @@ def run_case(case: Case, *, files: Files = NO_FILES, folder: RunFolder | None = 
         controller=Presence(said.controller),
     )
     return run_realtime_case(case, files=files, folder=folder, wires=wires)
+
+
+def _several() -> Callable[..., CaseResult]:
+    """The function that runs several trains. It lies above this package, like the engine."""
+    module, _, function = SEVERAL.partition(":")
+    found: Callable[..., CaseResult] = getattr(importlib.import_module(module), function)
+    return found
 
 
 def run_group(cases: Sequence[Case], *, files: Files = NO_FILES) -> Iterator[CaseResult]:

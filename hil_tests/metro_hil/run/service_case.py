@@ -1,8 +1,7 @@
 """A case whose train makes the trips of a service: one run for each trip, and one verdict."""
 
 import hashlib
-import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -41,12 +40,21 @@ WORST: Final = (Verdict.FAIL, Verdict.PASS, Verdict.INCONCLUSIVE, Verdict.VACUOU
 class TripResult:
     """What one trip showed."""
 
+    name: str
+    """Such as `trip 2`, for texts about the whole service."""
     began_s: float
     """Time of the service at which the trip began."""
     moved_m: float
-    cab_b: bool
-    """Whether the train ran with the cab ahead that was behind at first."""
     result: CaseResult
+
+
+@dataclass(frozen=True, slots=True)
+class ServiceEnd:
+    """How a service ended."""
+
+    reason: str
+    sim_s: float
+    wall_s: float
 
 
 def runs_service(case: Case) -> bool:
@@ -61,31 +69,45 @@ def run_service(case: Case, *, files: Files, folder: RunFolder | None) -> CaseRe
     setup = case.setup
     shown: list[TripResult] = []
     departure: Departure | None = None
+    turns = 0
     try:
         trips = service_of(setup, files)
-        for number, trip in enumerate(trips):
+        for index, trip in enumerate(trips):
             took_s = sum(each.result.sim_s for each in shown)
             if took_s >= setup.duration_s:
                 break
-            single = _single(case, trip, setup.duration_s - took_s)
-            parts = _parts(single, trip, files, departure)
-            run = CaseRun(single, parts, _trip_folder(folder, number))
-            leaves = trips[number + 1] if number + 1 < len(trips) else None
+            single = single_trip(case, trip, setup.duration_s - took_s)
+            parts = trip_parts(single, files, trip, trips=len(trips))
+            if departure is not None:
+                scenario, journey = departure.scenario(parts.scenario), parts.journey
+                parts = replace(parts, scenario=scenario, journey=departure.journey(journey))
+            run = CaseRun(
+                single, acting(parts, train=1, trip=index + 1), _trip_folder(folder, index)
+            )
+            leaves = trips[index + 1] if index + 1 < len(trips) else None
             cab_b = departure is not None and departure.cab_b
             departure = _drive(run, trip, leaves, cab_b=cab_b)
-            shown.append(TripResult(took_s, run.moved_m, cab_b, run.result()))
+            shown.append(trip_result(run, parts, f"trip {index + 1}", took_s))
             if departure is None:
                 break
+            turns += departure.cab_b is not cab_b
     except SettingsError as error:
         return blocked(case, error)
-    return _together(case, shown, (WallClock().now_ns() - began_ns) / 1e9)
+    results = [each.result for each in shown]
+    end = ServiceEnd(
+        results[-1].exit_reason,
+        sum(each.sim_s for each in results),
+        (WallClock().now_ns() - began_ns) / 1e9,
+    )
+    return together(case, shown, end, {"ends_changed_count": float(turns)})
 
 
-def _single(case: Case, trip: PlannedTrip, left_s: float) -> Case:
+def single_trip(case: Case, trip: PlannedTrip, left_s: float) -> Case:
     """The case of one trip."""
     setup = msgspec.structs.replace(
         case.setup,
         service=None,
+        trains=None,
         line=with_route(split_route(case.setup.line)[0], split_route(trip.line)[1]),
         start=trip.start,
         end=trip.end,
@@ -96,22 +118,39 @@ def _single(case: Case, trip: PlannedTrip, left_s: float) -> Case:
     return msgspec.structs.replace(case, setup=setup)
 
 
-def _parts(case: Case, trip: PlannedTrip, files: Files, departure: Departure | None) -> CaseParts:
-    parts = parts_of(case, files)
-    scenario = replace(parts.scenario, layover_s=trip.layover_s)
-    if departure is None:
-        return replace(parts, scenario=scenario)
-    return replace(
-        parts,
-        scenario=departure.scenario(scenario),
-        journey=departure.journey(parts.journey),
+def trip_parts(
+    case: Case, files: Files, trip: PlannedTrip, *, trains: int = 1, trips: int = 1
+) -> CaseParts:
+    """The parts of one trip, with all faults of its case. Raises SettingsError."""
+    parts = parts_of(case, files, trains=trains, trips=trips)
+    return replace(parts, scenario=replace(parts.scenario, layover_s=trip.layover_s))
+
+
+def acting(parts: CaseParts, *, train: int, trip: int) -> CaseParts:
+    """The parts with those faults that act in a trip."""
+    faults = tuple(plan for plan in parts.faults if plan.acts_in(train=train, trip=trip))
+    return replace(parts, faults=faults)
+
+
+def trip_result(run: CaseRun, parts: CaseParts, name: str, began_s: float) -> TripResult:
+    """The result of a trip that has ended, with all faults of the case.
+
+    Args:
+        parts: of the trip, with all faults.
+    """
+    result = run.result()
+    acted = {plan.index: each for plan, each in zip(run.parts.faults, result.faults, strict=True)}
+    faults = tuple(
+        acted.get(plan.index, FaultResult(kind=plan.kind.name, began=False, touched=None))
+        for plan in parts.faults
     )
+    return TripResult(name, began_s, run.moved_m, msgspec.structs.replace(result, faults=faults))
 
 
-def _trip_folder(folder: RunFolder | None, number: int) -> RunFolder | None:
+def _trip_folder(folder: RunFolder | None, index: int) -> RunFolder | None:
     if folder is None:
         return None
-    path = folder.path / f"trip-{number + 1}"
+    path = folder.path / f"trip-{index + 1}"
     path.mkdir(parents=True, exist_ok=True)
     return RunFolder(path)
 
@@ -132,12 +171,25 @@ def _drive(
     return departure
 
 
-def _together(case: Case, shown: Sequence[TripResult], wall_s: float) -> CaseResult:
+def together(
+    case: Case,
+    shown: Sequence[TripResult],
+    end: ServiceEnd,
+    measures: Mapping[str, float | None],
+    between: Sequence[MonitorResult] = (),
+) -> CaseResult:
+    """Judge all trips together.
+
+    Args:
+        measures: of the whole service, in place of those of the trips.
+        between: results of what must hold between trains.
+    """
     results = [each.result for each in shown]
     monitors = tuple(
-        _worst([(n, trip.began_s, trip.result.monitors[index]) for n, trip in enumerate(shown, 1)])
+        _worst([(trip, trip.result.monitors[index]) for trip in shown])
         for index in range(len(results[0].monitors))
     )
+    monitors += tuple(between)
     faults = tuple(_all_of([each.faults[i] for each in results]) for i in range(len(case.faults)))
     died = next((each.died for each in results if each.died), "")
     judgement = judge(
@@ -147,7 +199,7 @@ def _together(case: Case, shown: Sequence[TripResult], wall_s: float) -> CaseRes
             faults=faults,
             died=died,
             moved_m=sum(each.moved_m for each in shown),
-            violated=results[-1].exit_reason == VIOLATION,
+            violated=end.reason == VIOLATION,
         ),
     )
     events = [
@@ -155,7 +207,7 @@ def _together(case: Case, shown: Sequence[TripResult], wall_s: float) -> CaseRes
         for trip in shown
         for event in trip.result.events
     ]
-    turns = sum(one.cab_b is not other.cab_b for one, other in itertools.pairwise(shown))
+    events.sort(key=lambda event: event.at_s)
     chain = hashlib.sha256("".join(each.chain for each in results).encode()).hexdigest()
     return CaseResult(
         case_id=case.id,
@@ -164,29 +216,29 @@ def _together(case: Case, shown: Sequence[TripResult], wall_s: float) -> CaseRes
         reason=judgement.reason,
         lacking=judgement.lacking,
         died=died,
-        exit_reason=results[-1].exit_reason,
-        sim_s=sum(each.sim_s for each in results),
+        exit_reason=end.reason,
+        sim_s=end.sim_s,
         frames=sum(each.frames for each in results),
         chain=chain[: len(results[0].chain)],
         monitors=monitors,
         faults=faults,
-        measures=_measures(results) | {"ends_changed_count": float(turns)},
+        measures={**measures_of(results), **measures},
         events=tuple(events[:EVENTS_MAX]),
-        host=Host(wall_s=wall_s, stepping_s=sum(each.host.stepping_s for each in results)),
+        host=Host(wall_s=end.wall_s, stepping_s=sum(each.host.stepping_s for each in results)),
     )
 
 
-def _worst(each_trip: Sequence[tuple[int, float, MonitorResult]]) -> MonitorResult:
+def _worst(each_trip: Sequence[tuple[TripResult, MonitorResult]]) -> MonitorResult:
     """The result of a monitor that says most about all trips, with its time in the service."""
 
-    def rank(entry: tuple[int, float, MonitorResult]) -> tuple[int, float]:
-        _, _, result = entry
+    def rank(entry: tuple[TripResult, MonitorResult]) -> tuple[int, float]:
+        _, result = entry
         margin = float("inf") if result.margin is None else result.margin
         return WORST.index(result.verdict), margin
 
-    number, began_s, result = min(each_trip, key=rank)
-    at_s = None if result.at_s is None else began_s + result.at_s
-    detail = f"trip {number}: {result.detail}" if result.detail else ""
+    trip, result = min(each_trip, key=rank)
+    at_s = None if result.at_s is None else trip.began_s + result.at_s
+    detail = f"{trip.name}: {result.detail}" if result.detail else ""
     return msgspec.structs.replace(result, at_s=at_s, detail=detail)
 
 
@@ -199,7 +251,8 @@ def _all_of(each_trip: Sequence[FaultResult]) -> FaultResult:
     )
 
 
-def _measures(results: Sequence[CaseResult]) -> dict[str, float | None]:
+def measures_of(results: Sequence[CaseResult]) -> dict[str, float | None]:
+    """The measures of several trips together."""
     measures: dict[str, float | None] = {}
     for name in dict.fromkeys(name for each in results for name in each.measures):
         found = [each.measures.get(name) for each in results]

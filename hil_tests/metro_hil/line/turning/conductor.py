@@ -14,7 +14,7 @@ from typing import Final
 from firmware_py.interrupts import never
 from firmware_py.trackdb.network import TrackNetwork
 from firmware_py.trackdb.paths import TrackPlace
-from metro_hil.line.turning.invariants import Between
+from metro_hil.line.turning.invariants import Between, Observed
 from metro_hil.line.turning.masters import CUT_NS, Masters
 from metro_hil.line.turning.plan import FleetPlan
 from metro_hil.line.turning.train import TurningTrain
@@ -32,6 +32,12 @@ NS_PER_S: Final = 1_000_000_000
 AFTER_KILL_NS: Final = 60_000_000_000
 AFTER_KILL: Final = "a minute after the master was killed"
 """The train of a killed controller stands for good, and others wait behind it."""
+
+
+TrainMaker = Callable[
+    [FleetPlan, int, SignalBox, Path | None, Masters | None],
+    TurningTrain,
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,15 +63,21 @@ class FleetRecord:
 class Conductor:
     """All trains of a service on their network."""
 
-    def __init__(self, plan: FleetPlan, folders: Callable[[int], Path | None]) -> None:
+    def __init__(
+        self,
+        plan: FleetPlan,
+        folders: Callable[[int], Path | None],
+        make: TrainMaker = TurningTrain,
+    ) -> None:
         """Args:
         folders: gives the folder for the logs of a train by its number, or None.
+        make: makes a train by its number.
         """
         self.box = SignalBox(plan.network)
         self.masters = _masters_of(plan, self.box)
         """The masters of all paths; None: the wayside issues all authorities."""
         self.trains = [
-            TurningTrain(plan, number, self.box, folders(number), self.masters)
+            make(plan, number, self.box, folders(number), self.masters)
             for number in range(1, plan.trains + 1)
         ]
         self.record = FleetRecord(plan.network)
@@ -149,7 +161,7 @@ class Conductor:
 
     def _watch(self, now_ns: int) -> None:
         present = {
-            train.name: (train.interlocking, train.authority_end_m)
+            train.name: Observed(train.interlocking, train.authority_end_m, train.authority_number)
             for train in self.trains
             if train.bench is not None
         }

@@ -4,7 +4,7 @@ import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import inf
-from typing import Final
+from typing import Final, NamedTuple
 
 from plant_emulator.wayside.interlocking import Interlocking
 from plant_emulator.wayside.separation import Stretch, apart
@@ -26,6 +26,15 @@ class PairViolation:
     trains: tuple[str, ...]
 
 
+class Observed(NamedTuple):
+    """A train on the network."""
+
+    routes: Interlocking
+    authority_end_m: float | None
+    authority_number: tuple[int, ...]
+    """Changes with each authority that the train receives."""
+
+
 class Between:
     """Checks all pairs of trains."""
 
@@ -35,19 +44,36 @@ class Between:
         """Number of checks of a pair."""
         self.least_gap_m = inf
         """Least distance from a front to the next train ahead on its path."""
+        self._locked_m: dict[str, float] = {}
+        """By train, where its authority was allowed to end at the check before."""
+        self._before_failure: dict[str, tuple[int, ...]] = {}
+        """By train, the authority that was sent before a switch below it failed."""
         self._found: set[tuple[str, tuple[str, ...]]] = set()
 
-    def look(self, at_s: float, present: Mapping[str, tuple[Interlocking, float | None]]) -> None:
-        """Check the trains on the network, each with its routes and the end of its authority."""
+    def look(self, at_s: float, present: Mapping[str, Observed]) -> None:
+        """Check the trains on the network, by name."""
         permitted: dict[str, Stretch] = {}
-        for name, (routes, end_m) in present.items():
+        for name, (routes, end_m, number) in present.items():
             body = routes.body
             reach_m = body.end_m if end_m is None else max(body.end_m, end_m)
             permitted[name] = replace(body, end_m=reach_m)
-            if reach_m > max(body.end_m, routes.unlocked_m):
-                self._note(OVER_SWITCH, at_s, name)
+            self._look_at_switches(at_s, name, routes, reach_m, number)
         for one, other in itertools.permutations(present, 2):
-            self._check(at_s, (one, other), permitted, present[one][0].body, present[other][0])
+            self._check(
+                at_s, (one, other), permitted, present[one].routes.body, present[other].routes
+            )
+
+    def _look_at_switches(
+        self, at_s: float, name: str, routes: Interlocking, reach_m: float, number: tuple[int, ...]
+    ) -> None:
+        """A switch may fail below an authority. Only one that is sent later is a violation."""
+        limit_m = max(routes.body.end_m, routes.unlocked_m)
+        if reach_m > limit_m:
+            if reach_m <= self._locked_m.get(name, -inf):
+                self._before_failure[name] = number
+            if self._before_failure.get(name) != number:
+                self._note(OVER_SWITCH, at_s, name)
+        self._locked_m[name] = limit_m
 
     def _check(
         self,

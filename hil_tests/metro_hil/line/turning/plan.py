@@ -9,7 +9,7 @@ from firmware_py.trackdb.network import TrackNetwork
 from metro_hil.metrics.fastest_run import fastest_run_s, limited_stretches
 from metro_hil.model.mission import Journey, check_reference, plan_journey
 from metro_hil.model.run_options import RunOptions
-from metro_hil.model.service import TRAINS_MAX, PlannedTrip, Service, read_service
+from metro_hil.model.service import TRAINS_MAX, PlannedTrip, Service, needs_switches, read_service
 from metro_hil.run.lockstep import config_of, scenario_of
 from metro_hil.run.turnback import options_of, timed_journey, timed_scenario, trips_of
 from plant_emulator.traffic.member import SEEDS
@@ -118,10 +118,7 @@ def plan_fleet(options: RunOptions) -> FleetPlan:
         trips.append(replace(plans[key], trip=trip))
     tracks = trips[0].scenario.tracks
     if tracks is None:
-        raise SettingsError(
-            f"{options.service}: trains {trains}: {service.line} has no switches, so trains that "
-            "turn round would meet; name a network with switches, or leave trains out"
-        )
+        raise SettingsError(f"{options.service}: {needs_switches(trains, service.line)}")
     if options.masters:
         check_paths([each.trip.path for each in trips], str(options.service))
     return FleetPlan(
@@ -148,10 +145,10 @@ def _trip_plan(trip: PlannedTrip, chosen: RunOptions, config: VobcConfig) -> Tri
     scenario = timed_scenario(trip, scenario_of(chosen))
     check_plausible(config, journey.line)
     check_reference(config, scenario.train)
-    return TripPlan(trip, journey, scenario, _entry(scenario, journey, config))
+    return TripPlan(trip, journey, scenario, entry_of(scenario, journey, config))
 
 
-def _entry(scenario: TrainScenario, journey: Journey, config: VobcConfig) -> Entry | None:
+def entry_of(scenario: TrainScenario, journey: Journey, config: VobcConfig) -> Entry | None:
     if scenario.tracks is None:
         return None
     last_m = journey.end.stop_m

@@ -9,6 +9,7 @@ from metro_hil.line.turning.masters import Masters
 from metro_hil.line.turning.plan import FleetPlan
 from metro_hil.metrics.case import MemoryLog
 from metro_hil.metrics.stops import StationStop, measure_stops
+from metro_hil.model.mission import Journey
 from metro_hil.model.run_folder import RunFolder
 from metro_hil.run.lockstep import Lockstep, Taps
 from metro_hil.run.turnback import Departure, go_on
@@ -20,7 +21,7 @@ from plant_emulator.wayside.interlocking import (
     SignalBox,
 )
 from plant_emulator.wayside.separation import REAR_M
-from plant_emulator.world import STEP_NS
+from plant_emulator.world import STEP_NS, TrainScenario
 from vobc.process.line_command import LineCommand
 
 NS_PER_S: Final = 1_000_000_000
@@ -86,6 +87,7 @@ class TurningTrain:
         self.lost_log_lines = 0
         self.bench: Lockstep | None = None
         self._plan, self._box, self._folder, self._masters = plan, box, folder, masters
+        self._config = plan.config
         self._command: LineCommand | None = None
         self._departs_ns = 0
         """Instant of the trip before which the train does not depart."""
@@ -113,6 +115,17 @@ class TurningTrain:
         found = self.bench.plant.railway.interlocking
         assert found is not None
         return found
+
+    @property
+    def authority_number(self) -> tuple[int, ...]:
+        """Trip, and number of the newest authority in it."""
+        assert self.bench is not None
+        if self._command is not None:
+            held = self._command.held
+            return (
+                (len(self.trips),) if held is None else (len(self.trips), held.term, held.sequence)
+            )
+        return len(self.trips), self.bench.plant.railway.zone.answered
 
     @property
     def authority_end_m(self) -> float | None:
@@ -207,20 +220,13 @@ class TurningTrain:
         stops_m = tuple(stop.stop_m for stop in journey.stops)
         self._began_ns, self._rows = now_ns, MemoryLog()
         self._supervision = Supervision.NO_AUTHORITY
-        config = self._plan.config
+        self._config = self._plan.config
         if self._masters is not None:
-            config = self._masters.config_of(config, self.number)
-            self._command = self._masters.enter(journey.line, config, now_ns)
+            self._config = self._masters.config_of(self._config, self.number)
+            self._command = self._masters.enter(journey.line, self._config, now_ns)
             self._departs_ns = round(wait_s * NS_PER_S)
-        self.bench = Lockstep(
-            config,
-            scenario,
-            journey,
-            self._trip_folder(index),
-            taps=Taps(rows=self._rows),
-            shared=SharedNetwork(self._box, self.name, now_ns, stops_m),
-            command=self._command,
-        )
+        shared = SharedNetwork(self._box, self.name, now_ns, stops_m)
+        self.bench = self._open(index, scenario, journey, shared)
         due_s = due_ns / NS_PER_S if self._plan.first_trip(index) else None
         trip = planned.trip
         self.trips.append(
@@ -228,6 +234,24 @@ class TurningTrain:
                 *(self.number, index, trip.start, trip.end, now_ns / NS_PER_S, due_s, turned)
             )
         )
+
+    def _open(
+        self, index: int, scenario: TrainScenario, journey: Journey, shared: SharedNetwork
+    ) -> Lockstep:
+        """Set up the bench of a trip."""
+        return Lockstep(
+            self._config,
+            scenario,
+            journey,
+            self._trip_folder(index),
+            taps=Taps(rows=self._rows),
+            shared=shared,
+            command=self._command,
+        )
+
+    def _end(self, bench: Lockstep) -> None:
+        """End the bench of a trip."""
+        bench.close()
 
     def _next(self, bench: Lockstep) -> None:
         """End a trip whose train has arrived, and begin the next one."""
@@ -251,7 +275,7 @@ class TurningTrain:
         bench, self.bench = self.bench, None
         if bench is None:
             return
-        bench.close()
+        self._end(bench)
         record = self.trips[-1]
         if self._masters is not None:
             self._masters.leave(self._path_name(), self.number)

@@ -15,6 +15,7 @@ from metro_hil.line.turning.invariants import (
     OVER_SWITCH,
     OVERLAP,
     Between,
+    Observed,
 )
 from plant_emulator.wayside.interlocking import Interlocking, SharedNetwork, SignalBox
 
@@ -37,6 +38,18 @@ def on(box: SignalBox, name: str, route: str, front_m: float) -> Interlocking:
     )
 
 
+def seen(
+    one: Interlocking,
+    one_m: float,
+    two: Interlocking,
+    two_m: float | None,
+    *,
+    number: int = 1,
+) -> dict[str, Observed]:
+    """Two trains, with the ends of their authorities and the number of those."""
+    return {"one": Observed(one, one_m, (1, number)), "two": Observed(two, two_m, (1, number))}
+
+
 @pytest.mark.parametrize(
     ("fronts_m", "ends_m", "found"),
     [
@@ -55,7 +68,9 @@ def test_of_two_trains_that_follow(
 ) -> None:
     box, between = SignalBox(NETWORK), Between()
     routes = [on(box, name, "out", at_m) for name, at_m in zip(NAMES, fronts_m, strict=True)]
-    present = dict(zip(NAMES, zip(routes, ends_m, strict=True), strict=True))
+    present = {
+        name: Observed(*each, (1, 1)) for name, *each in zip(NAMES, routes, ends_m, strict=True)
+    }
 
     between.look(1.0, present)
     between.look(2.0, present)
@@ -75,8 +90,8 @@ def test_of_two_trains_that_run_towards_each_other() -> None:
     waits = on(box, "two", "back", tail.path_m(100.0))
     comes.step(NS, front_m=780.0, rear_m=711.4)
     # The dead end is taken, so the switch is not locked for the first one.
-    between.look(1.0, {"one": (comes, 880.0), "two": (waits, tail.path_m(90.0))})
-    between.look(2.0, {"one": (comes, 895.0), "two": (waits, tail.path_m(90.0))})
+    between.look(1.0, seen(comes, 880.0, waits, tail.path_m(90.0)))
+    between.look(2.0, seen(comes, 895.0, waits, tail.path_m(90.0), number=2))
 
     assert [each.kind for each in between.violations] == [OVER_SWITCH, INTO_AUTHORITY]
 
@@ -91,8 +106,27 @@ def test_an_authority_against_the_route_of_another_train() -> None:
     wrong = replace(other.stretch.path, legs=(PATHS["back"].legs[0], back, PATHS["back"].legs[2]))
     other.stretch = replace(other.stretch, path=wrong)
 
-    between.look(1.0, {"one": (leaves, 70.0), "two": (other, None)})
+    between.look(1.0, seen(leaves, 70.0, other, None))
 
     assert [(each.kind, each.trains) for each in between.violations] == [
         (INTO_ROUTE, ("two", "one"))
     ]
+
+
+@pytest.mark.parametrize(("number", "found"), [(1, []), (2, [OVER_SWITCH])])
+def test_a_switch_that_fails_below_an_authority_is_no_violation_until_the_next_one(
+    number: int, found: list[str]
+) -> None:
+    box, between = SignalBox(NETWORK), Between()
+    comes = on(box, "one", "out", 50.0)
+    for second in range(10):
+        comes.step(second * NS, front_m=50.0, rear_m=-18.6)
+    assert comes.unlocked_m > 110.0
+    between.look(10.0, {"one": Observed(comes, 110.0, (1, 1))})
+
+    box.machines["W1"].lost = True
+    for at_s in (10.05, 10.10):
+        between.look(at_s, {"one": Observed(comes, 110.0, (1, 1))})
+    between.look(10.15, {"one": Observed(comes, 110.0, (1, number))})
+
+    assert [each.kind for each in between.violations] == found

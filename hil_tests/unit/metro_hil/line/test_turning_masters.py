@@ -17,7 +17,7 @@ from firmware_py.ports import TunableRadioPort
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb.circuit import load_network, load_path
 from firmware_py.trackdb.paths import Path as Way
-from metro_hil.line.turning.invariants import Between
+from metro_hil.line.turning.invariants import Between, Observed
 from metro_hil.line.turning.masters import ARBITERS, AXLES, NS_PER_S, Masters
 from plant_emulator.wayside.interlocking import AT_STOP_M, Interlocking, SharedNetwork, SignalBox
 from plant_emulator.wayside.line_object import LineObject
@@ -211,7 +211,7 @@ class Shuttle:
                 train.step(self.now_ns)
             self.masters.step(self.now_ns)
             present = {
-                f"train {each.number}": (each.routes, each.end_m())
+                f"train {each.number}": Observed(each.routes, each.end_m(), (self.now_ns,))
                 for each in self.trains
                 if each.routes is not None
             }

@@ -17,7 +17,6 @@ from metro_hil.line.turning.headway import headway_limit, turnbacks
 from metro_hil.line.turning.plan import FleetPlan, plan_fleet
 from metro_hil.line.turning.train import TripRecord
 from metro_hil.model.run_options import EXIT_USAGE, parse
-from metro_hil.model.service import load_single
 
 EXAMPLES: Final = Path(__file__).resolve().parents[4] / "docs/examples/line"
 NS: Final = 1_000_000_000
@@ -98,11 +97,6 @@ def test_a_line_without_switches_takes_one_train(tmp_path: Path) -> None:
 
     with pytest.raises(SettingsError, match="trains 2: florence has no switches"):
         plan(service, "--trains", "2")
-
-
-def test_a_scenario_refuses_a_service_of_several_trains() -> None:
-    with pytest.raises(SettingsError, match="trains 6: a scenario runs one train"):
-        load_single(str(EXAMPLES / "every_90_s.toml"))
 
 
 @pytest.mark.parametrize(
