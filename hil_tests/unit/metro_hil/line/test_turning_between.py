@@ -69,7 +69,8 @@ def test_of_two_trains_that_follow(
     box, between = SignalBox(NETWORK), Between()
     routes = [on(box, name, "out", at_m) for name, at_m in zip(NAMES, fronts_m, strict=True)]
     present = {
-        name: Observed(*each, (1, 1)) for name, *each in zip(NAMES, routes, ends_m, strict=True)
+        name: Observed(route, end_m, (1, 1))
+        for name, route, end_m in zip(NAMES, routes, ends_m, strict=True)
     }
 
     between.look(1.0, present)
