@@ -167,8 +167,7 @@ class CaseRun:
         self._stepping_ns = 0
         self._reason = ""
         self._died = ""
-        dwells_s = [station.dwell_s for station in parts.journey.stops]
-        self._patience_s = STUCK_S + parts.scenario.layover_s + max(dwells_s, default=0.0)
+        self._patience_s = _patience_s(parts)
         self.bench.plant.schedule.listen(self._fault_changed)
 
     def _frame(self, stamp_ns: int, can_id: int, data: bytes) -> None:
@@ -420,6 +419,12 @@ def _route_measures(routes: Interlocking | None) -> dict[str, float | None]:
     moved = None if routes is None else float(sum(each.moves for each in routes.machines.values()))
     refused = None if routes is None else float(routes.refusals)
     return {"switches_moved_count": moved, "routes_refused_count": refused}
+
+
+def _patience_s(parts: CaseParts) -> float:
+    """Time for which a train may stand before it counts as stuck."""
+    dwells_s = [station.dwell_s for station in parts.journey.stops]
+    return STUCK_S + parts.scenario.layover_s + max(dwells_s, default=0.0)
 
 
 def hearing_of(
