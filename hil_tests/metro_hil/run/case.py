@@ -159,9 +159,8 @@ class CaseRun:
         self._start_m = parts.journey.start.stop_m
         self._moved_m = 0.0
         self._still_s: float | None = None
-        self._branch = None
-        if case.branch is not None:
-            self._branch = compile_expression(case.branch.when, SIGNALS)
+        when = None if case.branch is None else case.branch.when
+        self._branch = None if when is None else compile_expression(when, SIGNALS)
         self._branched = False
         self._wall = WallClock()
         self._stepping_ns = 0
