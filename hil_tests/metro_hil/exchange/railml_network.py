@@ -13,6 +13,7 @@ from metro_hil.exchange.railml_network_export import ExportedNetwork, railml_net
 from metro_hil.exchange.railml_own import ZONES, own_keys, tag_keys
 from metro_hil.exchange.railml_places import RailmlPlaces, read_places
 from metro_hil.exchange.railml_stations import read_stations
+from metro_hil.exchange.railml_supply import read_neutral_sections
 from metro_hil.exchange.survey import file_name
 from metro_hil.exchange.surveyed_network import (
     FileTerms,
@@ -37,7 +38,10 @@ IGNORED: Final = {
     ("signalsIS", "signalIS"): "the authority comes by radio",
     ("trainDetectionElements", "trainDetectionElement"): "the bench knows where its train is",
     ("levelCrossingsIS", "levelCrossingIS"): "the bench has none",
-    ("electrifications", "electrificationSection"): "the supply is that of the train",
+    (
+        "electrifications",
+        "electrificationSection",
+    ): "the supply is that of the train, but for neutral sections",
     ("overCrossings", "overCrossing"): "the emulated train has no tunnel resistance",
 }
 
@@ -54,6 +58,7 @@ def read_infrastructure(root: XmlNode) -> SurveyedNetwork:
     line_keys = next(
         (keys for node in root.all(*FUNCTIONAL, "lines", "line") if (keys := own_keys(node))), {}
     )
+    neutral = read_neutral_sections(root, places)
     network = SurveyedNetwork(
         name=str(line_keys.get("name") or file_name(Path(root.source).stem)),
         source=root.source,
@@ -66,7 +71,7 @@ def read_infrastructure(root: XmlNode) -> SurveyedNetwork:
         line_keys={
             key: value for key, value in line_keys.items() if key not in (*ZONES, "network")
         },
-        zones=_zones(root, places, line_keys),
+        zones=[*_zones(root, places, line_keys), *neutral.zones],
         limits=[*_limits(root, places), *_branch_limits(root, places, relations)],
         gradients=_curves(root, places, "gradientCurves", "gradientCurve", "gradient"),
         radii=_curves(root, places, "horizontalCurves", "horizontalCurve", "radius"),
@@ -74,7 +79,7 @@ def read_infrastructure(root: XmlNode) -> SurveyedNetwork:
         switches=_switches(root, relations),
         origins_m=_origins_m(places),
         filled=(*stations.filled, *_shared(places), *_open_ends(root, places, links)),
-        ignored=(*stations.left_out, *_ignored(root)),
+        ignored=(*stations.left_out, *neutral.left_out, *_ignored(root)),
     )
     table = line_keys.get("network")
     return _with_own_table(network, table) if isinstance(table, dict) else network

@@ -125,6 +125,43 @@ def imported(folder: Path, *arguments: str) -> LineMap:
     return load_line(str(folder / "out" / "net.toml"))
 
 
+@pytest.mark.parametrize(
+    ("line_type", "child", "neutral", "text"),
+    [
+        ("none", "", True, ""),
+        ("none", "<whole/>", False, "a whole track without power"),
+        ("overhead", "", False, "supply is that of the train"),
+        ("overhead", '<phaseSeparationSection lengthPhaseSeparation="200"/>', True, ""),
+        ("thirdRail", '<systemSeparationSection lengthSystemSeparation="199"/>', True, ""),
+        (
+            "overhead",
+            '<phaseSeparationSection lengthPhaseSeparation="198"/>',
+            False,
+            "where in its 200 m the separation of 198 m lies",
+        ),
+    ],
+)
+def test_sections_without_power_are_neutral_sections(
+    line_type: str, child: str, neutral: bool, text: str, tmp_path: Path
+) -> None:
+    element = (
+        f'<electrifications><electrificationSection id="e1" contactLineType="{line_type}">{child}'
+        '<linearLocation id="el"><associatedNetElement netElementRef="m" keepsOrientation="true" '
+        'posBegin="1400" posEnd="1600"/></linearLocation></electrificationSection>'
+        "</electrifications><speeds>"
+    )
+    if child == "<whole/>":
+        element = element.replace('posBegin="1400" posEnd="1600"', "")
+    path = tmp_path / "power.railml"
+    path.write_text(TRACKS.replace("<speeds>", element), encoding="utf-8")
+
+    network = read_infrastructure(read_xml(path))
+
+    found = [(zone.key, zone.track, zone.begin_m, zone.end_m) for zone in network.zones]
+    assert found == ([("neutral_sections", "m", 1400.0, 1600.0)] if neutral else [])
+    assert text in "".join(network.ignored)
+
+
 def test_a_path_has_the_values_of_its_direction(tmp_path: Path) -> None:
     line = imported(tmp_path, "--stops", "West,East")
 
