@@ -23,8 +23,9 @@ from firmware_py.trackdb.network import (
     TrackZone,
 )
 from firmware_py.trackdb.one_track import DOWN_TAGS, network_of, one_track_path
-from firmware_py.trackdb.paths import OTHER_SIDE, TrackPlace, make_path
-from firmware_py.trackdb.sites import CurveSection, GradientSection, StoppingPoint
+from firmware_py.trackdb.paths import TrackPlace, make_path
+from firmware_py.trackdb.sites import GradientSection, StoppingPoint
+from metro_hil.benchmarks.mirrored import flipped
 
 SHIPPED: Final = shipped_names("firmware_py.trackdb")
 UP, DOWN = Running.UP, Running.DOWN
@@ -32,52 +33,6 @@ UP, DOWN = Running.UP, Running.DOWN
 
 def straight(name: str, start_m: float, end_m: float, **parts: Any) -> Track:
     return Track(name, start_m, end_m, (TrackLimit(start_m, end_m, 20.0),), **parts)
-
-
-def flipped(track: Track) -> Track:
-    """The same track with its chainage counted from the other end, written part by part."""
-
-    def at(value_m: float) -> float:
-        return track.start_m + track.end_m - value_m
-
-    def turned(serves: Serves) -> Serves:
-        return {Serves.UP: Serves.DOWN, Serves.DOWN: Serves.UP}.get(serves, serves)
-
-    return Track(
-        track.name,
-        track.start_m,
-        track.end_m,
-        tuple(
-            TrackLimit(at(x.end_m), at(x.start_m), x.limit_mps, turned(x.direction))
-            for x in reversed(track.limits)
-        ),
-        tuple(
-            PlatformEdge(
-                station=x.station,
-                start_m=at(x.end_m),
-                end_m=at(x.start_m),
-                side=OTHER_SIDE[x.side],
-                stop_up_m=None if x.stop_down_m is None else at(x.stop_down_m),
-                stop_down_m=None if x.stop_up_m is None else at(x.stop_up_m),
-                dwell_s=x.dwell_s,
-                platform_doors=x.platform_doors,
-                run_up_s=x.run_down_s,
-                run_down_s=x.run_up_s,
-                short_up=tuple(replace(each, stop_m=at(each.stop_m)) for each in x.short_down),
-                short_down=tuple(replace(each, stop_m=at(each.stop_m)) for each in x.short_up),
-            )
-            for x in reversed(track.platforms)
-        ),
-        tuple(
-            GradientSection(at(x.end_m), at(x.start_m), -x.gradient_permille)
-            for x in reversed(track.gradients)
-        ),
-        tuple(CurveSection(at(x.end_m), at(x.start_m), x.radius_m) for x in reversed(track.curves)),
-        tuple(
-            TrackTag(x.tag_id, at(x.position_m), x.kind, x.station, turned(x.direction))
-            for x in reversed(track.tags)
-        ),
-    )
 
 
 def near(one: LineMap, other: LineMap) -> bool:
