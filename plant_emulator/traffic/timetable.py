@@ -81,12 +81,17 @@ def starts(config: TrafficConfig, line: LineMap, trains: int) -> tuple[Start, ..
     if not 1 <= trains <= config.trains:
         raise SettingsError(f"--trains {trains}: on {line.name} there are 1 to {config.trains}")
     timetable = lap_timetable(config, line)
+    # A train that begins at the end of an open line has no way to go.
+    leaves_s = timetable.leaves_s if config.circular else timetable.leaves_s[:-1]
     placed = []
     for train in range(1, trains + 1):
         phase_s = (trains - train) * config.headway_s
-        later = [n for n, leaves_s in enumerate(timetable.leaves_s) if leaves_s >= phase_s]
+        later = [n for n, at_s in enumerate(leaves_s) if at_s >= phase_s]
         if not later:
-            raise SettingsError(f"traffic {config.name}: train {train} has no station to stand at")
+            raise SettingsError(
+                f"traffic {config.name}: trains: {trains} every {config.headway_s:g} s do not fit "
+                f"on {line.name}, the foremost would be at its end; take fewer or a shorter headway"
+            )
         placed.append(Start(train, line.stations[later[0]], later[0], phase_s))
     _check_apart(config, placed)
     return tuple(placed)

@@ -178,6 +178,15 @@ def test_an_open_line_has_its_own_times_and_nothing_ahead_of_the_first_train(
     assert answers[1].leader_rear_m == 3900.0
 
 
+def test_no_train_begins_at_the_end_of_an_open_line(tmp_path: Path) -> None:
+    config, line, _ = plan_traffic(None, open_line(tmp_path), None)
+    last_s = lap_timetable(config, line).leaves_s[-2]
+
+    assert starts(replace(config, headway_s=last_s), line, 2)[0].station == line.stations[-2]
+    with pytest.raises(SettingsError, match="the foremost would be at its end"):
+        starts(replace(config, headway_s=last_s + 1.0), line, 2)
+
+
 @pytest.mark.parametrize(
     ("traffic", "supply", "complaint"),
     [
