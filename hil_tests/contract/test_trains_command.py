@@ -37,6 +37,13 @@ def test_a_line_of_trains_writes_its_page_and_prints_the_energy(
         (["--lockstep", "--trains", "0"], "0 is not within 1..99"),
         (["--lockstep", "--supply", "weak"], "--supply: only with --trains"),
         (["--lockstep", "--no-logs"], "--no-logs: only with --trains"),
+        (["--lockstep", "--trains", "2", "--masters"], "--masters: only with --service"),
+        (["--lockstep", "--kill-master-at", "3"], "--kill-master-at: only with --masters"),
+        (
+            ["--masters", "--kill-master-at", "3", "--cut-master-at", "4"],
+            "one of them for each run",
+        ),
+        (["--masters", "--cut-master-at", "0"], "a second of the run, from 0.05 on"),
     ],
 )
 def test_impossible_options_of_a_line_are_refused_at_once(

@@ -100,7 +100,8 @@ def _complain(error: Exception | str, code: int) -> int:
 
 
 def _run(options: RunOptions, console: Console) -> int:
-    if options.service is not None and (options.trains is not None or several(options.service)):
+    fleet = options.masters or options.trains is not None
+    if options.service is not None and (fleet or several(options.service)):
         from metro_hil.line.turning import command as turning_run
 
         return turning_run.run(options, console)
