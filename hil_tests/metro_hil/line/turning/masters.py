@@ -178,8 +178,8 @@ class MasterPath:
             *(T2tConfig().timers, self.areas, disks), boot=1, start_ns=0, database=self._database
         )
         self._port = self.air.port(WAYSIDE, self._wayside.subscriptions)
-        self._departed = DepartedTrains(self.areas.name, database=self._database)
-        self._departures = self.air.port(DEPARTURES, self._departed.subscriptions)
+        self.departed = DepartedTrains(self.areas.name, database=self._database)
+        self._departures = self.air.port(DEPARTURES, self.departed.subscriptions)
 
     def enter(
         self, train: int, t2t: T2tConfig, began_ns: int
@@ -193,7 +193,7 @@ class MasterPath:
             self._ports[train] = self.air.port(name_of(train), ())
         port = _ShiftedPort(self._ports[train], began_ns)
         port.listen(radio.subscriptions)
-        self._departed.enters(train)
+        self.departed.enters(train)
         self.radios[train], self._began_ns[train] = radio, began_ns
         return radio, port
 
@@ -220,7 +220,7 @@ class MasterPath:
     def leave(self, train: int) -> None:
         radio = self.radios.pop(train, None)
         if radio is not None:
-            self._departed.leaves(train, radio.roles)
+            self.departed.leaves(train, radio.roles)
             self._ports[train].listen(())
 
     def step(self, now_ns: int, trains: Mapping[str, Interlocking]) -> None:
@@ -236,7 +236,7 @@ class MasterPath:
             )
 
         heard = self._departures.receive(now_ns)
-        for key, payload in self._departed.step(now_ns, heard, is_clear):
+        for key, payload in self.departed.step(now_ns, heard, is_clear):
             self._departures.send(now_ns, key, payload)
 
     def claimed(self) -> frozenset[str]:

@@ -264,7 +264,14 @@ def test_trains_leave_and_enter_while_a_master_is_cut_off(file: str) -> None:
     shuttle.masters.cut(struck.train)
     shuttle.run(0.4)
     shuttle.masters.heal()
-    shuttle.run(48.0)
+    shuttle.run(17.0)
+    # The first one has changed ends, and still stands in the siding.
+    departed = shuttle.masters.paths["short-out"].departed
+    assert (1, 3) in departed.left
+    shuttle.run(25.0)
+    # The masters of its former path have taken it off their rosters.
+    assert departed.left == set()
+    shuttle.run(6.0)
 
     assert struck.is_followed
     # The trains answer every 50 ms here, which is what the timers allow for a message one way.
