@@ -116,7 +116,8 @@ def flipped(track: Track) -> Track:
     """The same track with its chainage counted from the other end, written part by part."""
 
     def at(value_m: float) -> float:
-        return track.start_m + track.end_m - value_m
+        # Limits must meet, so what the sum rounds is rounded off.
+        return round(track.start_m + track.end_m - value_m, 6)
 
     def turned(serves: Serves) -> Serves:
         return {Serves.UP: Serves.DOWN, Serves.DOWN: Serves.UP}.get(serves, serves)

@@ -25,7 +25,7 @@ TOLERANCE_M: Final = 1.0
 
 
 @dataclass(slots=True)
-class ForeignSections:
+class SurveyedNeutrals:
     """The neutral sections of a file."""
 
     zones: list[SurveyedZone] = field(default_factory=list)
@@ -33,13 +33,13 @@ class ForeignSections:
     """A sentence about each section that the line cannot have."""
 
 
-def read_neutral_sections(root: XmlNode, places: RailmlPlaces) -> ForeignSections:
+def read_neutral_sections(root: XmlNode, places: RailmlPlaces) -> SurveyedNeutrals:
     """Read sections without contact line, and those that separate phases or systems.
 
     A separation has a length, but no place. So it is read only if its section is not longer.
     Raises SettingsError.
     """
-    found = ForeignSections()
+    found = SurveyedNeutrals()
     for node in root.all(*SECTIONS):
         separation = _separation(node)
         if separation is None and (node.text("contactLineType") or "").lower() != NO_LINE:
