@@ -20,9 +20,10 @@ from metro_hil.energy.line.meetings import find_meetings
 from metro_hil.energy.line.service import ServiceLine, ServiceResults
 from metro_hil.energy.line.table_four import paired
 from metro_hil.energy.line.trip_times import HopCosts, costs_of, divide, hop_costs
-from metro_hil.energy.running_curve.train import load_train
+from metro_hil.energy.running_curve.train import RunningTrain, load_train, of_consist
 from metro_hil.model.run_options import EXIT_OK
 from plant_emulator.traffic.config import TrafficConfig, plan_traffic
+from plant_emulator.train_config import load_train as load_consist
 
 J_PER_KWH: Final = 3.6e6
 RESERVE: Final = 12.0
@@ -78,7 +79,7 @@ def save_on_line(options: argparse.Namespace) -> int:
     Raises SettingsError. Trip times, headway and dwells stay as they are.
     """
     traffic, line, supply = plan_traffic(options.line, options.traffic, options.supply)
-    train, out = load_train(options.train or traffic.consist), free_file(options.out)
+    train, out = train_of(options.train, traffic.consist), free_file(options.out)
     service = ServiceLine(traffic, line, train, supply)
     console = Console(stderr=options.json)
     with console.status("computing runs") as status:
@@ -111,6 +112,11 @@ def save_on_line(options: argparse.Namespace) -> int:
         document = {"line": line.name, "train": train.name, "runs_s": list(chosen.runs_s)}
         print(json.dumps({**document, "chosen": chosen.name, "timetables": rows}))
     return EXIT_OK
+
+
+def train_of(name: str | None, consist: str) -> RunningTrain:
+    """The named train, or that of the traffic. A running train may have the name of a consist."""
+    return of_consist(load_consist(consist)) if name is None else load_train(name)
 
 
 def hops_of(service: ServiceLine) -> list[HopCosts]:

@@ -10,8 +10,10 @@ from firmware_py.settings import SettingsError
 from metro_hil.energy.line import timetable_command
 from metro_hil.energy.line.meetings import REACH_S, find_meetings
 from metro_hil.energy.line.service import ServiceLine
-from metro_hil.energy.running_curve.train import load_train
+from metro_hil.energy.line.service_command import train_of
+from metro_hil.energy.running_curve.train import load_train, of_consist
 from plant_emulator.traffic.config import load_traffic, plan_traffic
+from plant_emulator.train_config import load_train as load_consist
 
 STATION = """
 [[stations]]
@@ -140,3 +142,10 @@ def test_the_command_compares_timetables_and_writes_the_chosen_traffic(
     assert tomllib.loads(out.read_text("utf-8"))["supply"] == "../supply.toml"
     assert timetable_command.main([*words, "--out", str(out)]) == 2
     assert "exists already" in capsys.readouterr().err
+
+
+def test_the_train_of_a_traffic_is_its_consist_and_no_running_train_of_that_name() -> None:
+    whole = of_consist(load_consist("nanakuma4"))
+
+    assert train_of(None, "nanakuma4") == whole
+    assert train_of("nanakuma4", "typeB4") == load_train("nanakuma4") != whole
