@@ -13,6 +13,7 @@ import numpy as np
 
 from firmware_py.clock.clock import WallClock
 from metro_hil.benchmarks.bench import Figure, run_measures
+from metro_hil.energy.compiled import COMPILED
 from metro_hil.energy.line.model import TRADITIONAL, LineTrain, Timetable, shipped_supplies
 from metro_hil.energy.line.simulate import dwells_of, simulate
 from metro_hil.energy.line.table_four import TableFour, table_four
@@ -25,7 +26,6 @@ from metro_hil.energy.running_curve.trace import trace
 from metro_hil.energy.running_curve.track import level_track
 from metro_hil.energy.running_curve.train import load_train
 from metro_hil.model.native_copy import ready_copy, worker_environment
-from plant_emulator.power.compiled import COMPILED
 
 LEAST_S: Final = 0.01
 """Resolution of the system's processor time."""

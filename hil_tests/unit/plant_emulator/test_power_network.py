@@ -282,7 +282,7 @@ def test_an_invalid_network_is_refused_by_name(
 def test_without_the_compiler_the_figures_are_the_same() -> None:
     code = (
         "import sys; sys.modules['numba'] = None\n"
-        "from plant_emulator.power.compiled import COMPILED\n"
+        "from metro_hil.energy.compiled import COMPILED\n"
         "from plant_emulator.power.network import *\n"
         "assert not COMPILED\n"
         "n = Network([Section('A', 'B', 0.0, 3000.0, 0.03)], [Substation('A', 836.0, 0.02)])\n"

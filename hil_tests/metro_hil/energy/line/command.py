@@ -11,6 +11,7 @@ from rich.table import Table
 
 from firmware_py.clock.clock import WallClock
 from firmware_py.storage.whole_file import write_whole
+from metro_hil.energy.compiled import COMPILED
 from metro_hil.energy.line import table_four
 from metro_hil.energy.line.model import LineTrain, Supply, Timetable, shipped_supplies
 from metro_hil.energy.line.simulate import LapResults, simulate
@@ -18,7 +19,6 @@ from metro_hil.energy.line.table_four import PRINTED, TableFour, TableFourRow, s
 from metro_hil.engine.errors import UsageError
 from metro_hil.model.run_folder import make_run_folder
 from metro_hil.model.run_options import EXIT_INTERRUPTED, EXIT_OK
-from plant_emulator.power.compiled import COMPILED
 
 NAME: Final = "green-cbtc"
 PERCENT: Final = 100.0

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from plant_emulator.power.compiled import jitted, kernel
+from metro_hil.energy.compiled import jitted, kernel
 from vobc.ato.laws import green_speeds as plain_law
 
 # State of a train.

@@ -2,6 +2,7 @@
 
 from typing import Any, Final
 
+from metro_hil.energy.compiled import jitted, kernel
 from metro_hil.energy.line.kernel import (
     AUXILIARIES,
     EFFORT,
@@ -29,7 +30,6 @@ from metro_hil.energy.line.kernel import (
     work_at_station,
 )
 from plant_emulator.power import flow as plain_flow
-from plant_emulator.power.compiled import jitted, kernel
 
 flow: Final = jitted(plain_flow)
 RECORDED: Final = 6

@@ -109,7 +109,7 @@ import sys
 sys.modules['numba'] = None
 from metro_hil.energy.line import simulate
 from plant_emulator.power import supplies
-from plant_emulator.power.compiled import COMPILED
+from metro_hil.energy.compiled import COMPILED
 assert not COMPILED
 print(' '.join(repr(float(book)) for book in simulate.first_minutes(supplies.load_supply('weak'))))
 """
