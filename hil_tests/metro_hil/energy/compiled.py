@@ -1,14 +1,20 @@
 """Compiles small numeric functions with numba where it is installed (the extra `compiled`).
 
 Without numba the same functions run uncompiled, about fifty times slower and with the same results.
+What is compiled is kept in the user's cache until a source of the packages below changes.
 """
 
+import hashlib
 import importlib
 import importlib.util
+import sys
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any, Final, TypeVar
+
+from firmware_py.native.build import cache_folder
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -22,18 +28,49 @@ def _has_numba() -> bool:
 
 
 COMPILED: Final = _has_numba()
+CALLED: Final = ("plant_emulator", "vobc")
+"""Packages whose functions a compiled function may call, besides those of its own package."""
 
 
-def kernel(function: F) -> F:
+def kernel(function: F, *, parallel: bool = False) -> F:
     """Compile a function of floats, integers and arrays that calls only such functions.
 
-    The result is not cached on disk, because numba would not notice changes in called functions.
+    Args:
+        parallel: run the function's loops over `prange` on all processors.
     """
     if not COMPILED:
         return function
     numba = importlib.import_module("numba")
-    compiled: F = numba.njit(error_model="numpy")(function)
+    folder = _kept(function.__module__.partition(".")[0])
+    before = numba.config.CACHE_DIR
+    # numba reads this where the function is decorated. By itself it would put what it compiles
+    # beside the sources, and would not notice changes in functions of other files.
+    numba.config.CACHE_DIR = folder
+    try:
+        compiled: F = numba.njit(error_model="numpy", parallel=parallel, cache=bool(folder))(
+            function
+        )
+    finally:
+        numba.config.CACHE_DIR = before
     return compiled
+
+
+@cache
+def _kept(package: str) -> str:
+    """The folder for what is compiled from the present sources; empty without a cache."""
+    digest = hashlib.sha256()
+    for name in sorted({package, *CALLED}):
+        spec = importlib.util.find_spec(name)
+        for place in (spec.submodule_search_locations or ()) if spec is not None else ():
+            for path in sorted(Path(place).rglob("*.py")):
+                digest.update(f"{name}/{path.relative_to(place)}\0".encode())
+                digest.update(hashlib.sha256(path.read_bytes()).digest())
+    try:
+        folder = cache_folder() / "numba" / digest.hexdigest()[:24]
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return ""
+    return str(folder)
 
 
 def jitted(module: ModuleType) -> Any:
@@ -51,6 +88,8 @@ def jitted(module: ModuleType) -> Any:
     assert spec is not None
     assert spec.loader is not None
     twin = importlib.util.module_from_spec(spec)
+    # Compiled functions that were kept look for their module by its name.
+    sys.modules[twin.__name__] = twin
     spec.loader.exec_module(twin)
     for name, value in list(vars(twin).items()):
         # The functions call each other in the copy, where all are compiled.

@@ -5,19 +5,18 @@ run compiled, one run after the other. Without it numpy steps a batch of runs at
 """
 
 import importlib
-import importlib.util
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
+from metro_hil.energy.compiled import COMPILED, kernel
 from metro_hil.energy.running_curve.net import Arrivals
 from metro_hil.energy.running_curve.track import HopTrack
 from metro_hil.energy.running_curve.train import Numbers, RunningTrain
 
 STEP_S: Final = 0.1
 STEPS_MAX: Final = 6000
-COMPILED: Final = importlib.util.find_spec("numba") is not None
 _COMPILED_KERNELS: Final[dict[str, Any]] = {}
 
 
@@ -59,8 +58,8 @@ def run_all(
         ]
     )
     limits_w = np.minimum(braking.power_w, train.brake_power_w)
-    kernel = _compiled() if compiled else _batch
-    time_s, way_m, traction_j, regained_j = kernel(
+    drive = _compiled() if compiled else _batch
+    time_s, way_m, traction_j, regained_j = drive(
         numbers, track.grade_n, braking.square_m2_per_s2, limits_w, notch_off_mps, column
     )
     return RunBatch(time_s, way_m, traction_j, regained_j)
@@ -112,9 +111,7 @@ def _batch(
 def _compiled() -> Any:
     if "kernel" not in _COMPILED_KERNELS:
         numba = importlib.import_module("numba")
-        _COMPILED_KERNELS["kernel"] = numba.njit(parallel=True, error_model="numpy")(
-            _make(numba.prange)
-        )
+        _COMPILED_KERNELS["kernel"] = kernel(_make(numba.prange), parallel=True)
     return _COMPILED_KERNELS["kernel"]
 
 

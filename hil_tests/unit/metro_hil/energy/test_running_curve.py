@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_py.settings import SettingsError
+from metro_hil.energy.compiled import COMPILED
 from metro_hil.energy.running_curve import steps, table_one
 from metro_hil.energy.running_curve.design import Hop, InfeasibleError, curve_of, design, with_time
 from metro_hil.energy.running_curve.literal import literal_design, x_that_the_table_implies_s
@@ -55,7 +56,7 @@ LIMITED_HOP = Hop(TRAIN, LIMITED)
 @pytest.mark.parametrize("compiled", [False, True])
 @pytest.mark.parametrize("name", TRACKS)
 def test_small_time_steps_agree_with_the_grid(name: str, compiled: bool) -> None:
-    if compiled and not steps.COMPILED:
+    if compiled and not COMPILED:
         pytest.fail("numba is not there, though the setup for development brings it")
     track = TRACKS[name]
     speeds_mps = np.array([15.0, 16.5, 18.0])
