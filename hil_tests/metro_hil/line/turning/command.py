@@ -153,7 +153,7 @@ def _show(
 ) -> None:
     table = Table("train", "trips", "worst stop", "latest departure", "brakes by protection")
     for train in conductor.trains:
-        table.add_row(*_row(train))
+        table.add_row(*_row(train, timed=plan.service.headway_s > 0.0))
     console.print(table)
     if turned:
         console.print(_turnback_table(turned))
@@ -177,7 +177,10 @@ def _show(
             console.print(words.replace("_", " "), style="red", highlight=False)
 
 
-def _row(train: TurningTrain) -> list[str]:
+def _row(train: TurningTrain, *, timed: bool) -> list[str]:
+    """Args:
+    timed: whether the service has a headway, and so departures that are due.
+    """
     done = sum(trip.ended_s is not None for trip in train.trips)
     errors_m = [
         abs(stop.error_m) for trip in train.trips for stop in trip.stops if stop.error_m is not None
@@ -185,7 +188,7 @@ def _row(train: TurningTrain) -> list[str]:
     late_s = [
         trip.left_s - trip.due_s
         for trip in train.trips
-        if trip.left_s is not None and trip.due_s is not None
+        if timed and trip.left_s is not None and trip.due_s is not None
     ]
     return [
         str(train.number),
