@@ -224,7 +224,10 @@ class SignalBox:
         if limit_m(body, [each.stretch for each in self.trains.values()]) < front_m:
             return False
         ways = body.tracks()
+        crossed = self.crossed_by(ways)
         for _, taken in self.taken(""):
+            if not crossed.isdisjoint(taken):
+                return False
             if any(ways.get(track, running) is not running for track, running in taken.items()):
                 return False
         below = _below(sections_of(self.network, path), front_m=front_m, rear_m=rear_m)
@@ -251,8 +254,11 @@ class SignalBox:
         )
 
     def crossed_by(self, tracks: Collection[str]) -> set[str]:
-        """The tracks that cross any of these. No route leads into one while another holder has a
-        route into the other, or stands on it."""
+        """The tracks that cross any of these.
+
+        No route leads into a track, and no train enters on it, while another holder has a route
+        into a track that crosses it, or stands on one.
+        """
         pairs = [(each.a, each.b) for each in self.network.crossings]
         return {two for one, two in (*pairs, *(pair[::-1] for pair in pairs)) if one in tracks}
 

@@ -39,7 +39,7 @@ class Stretch:
         }
 
     def parts_on(self, path: Path) -> Iterator[tuple[float, float]]:
-        """The parts that lie on another path or bar it at a crossing, by its chainage."""
+        """The parts that lie on another path, or bar it at a crossing, by that path's chainage."""
         for track, start_m, end_m in self._pieces():
             yield from _on(path, track, start_m, end_m)
             for crossing in self.path.crossings:

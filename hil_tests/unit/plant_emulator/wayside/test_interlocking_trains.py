@@ -340,6 +340,12 @@ def test_two_tracks_that_cross_are_never_taken_by_two_trains() -> None:
     assert comes.limit_m == load_path(f"{scissors}:in2").legs[1].to_m - 20.0
     assert comes.refusals == 1
 
+    # Meanwhile nothing enters on the crossed track, not even between the crossing and W4.
+    enters = make_path(network, "enters", (("across1", Running.UP), ("p2", Running.UP)))
+    place = {"front_m": enters.legs[0].to_m, "rear_m": enters.legs[0].to_m - 8.0}
+    assert not box.has_room(enters, **place)
+    assert SignalBox(network).has_room(enters, **place)
+
     # Its rear is on the crossing track still, and then behind it.
     leaves.step(11 * NS, front_m=290.0 + LENGTH_M, rear_m=290.0)
     comes.step(12 * NS, front_m=900.0, rear_m=900.0 - LENGTH_M)
