@@ -180,7 +180,8 @@ class Ato:
 
     def _begin(self, inputs: AtoInput) -> Strategy:
         self._dt_s = inputs.dt_s
-        self._margin_m += CYCLE_MARGIN_MPS * max(0.0, inputs.dt_s - USUAL_CYCLE_S)
+        longer_s = max(0.0, inputs.dt_s - USUAL_CYCLE_S)
+        self._margin_m = self._config.authority.margin_m + CYCLE_MARGIN_MPS * longer_s
         self._strategy = make_strategy(self._config, self._line, inputs.dt_s)
         return self._strategy
 
