@@ -69,7 +69,8 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
         "At its own emergency curve the controller commands the emergency brake within one cycle.",
         "One cycle and 0.02 s for the bus, less the time from a VOBC_MOTION above its emergency "
         "limit to the command. Its speed counts with the reach in the VOBC_MODE of the same cycle, "
-        "less the 0.05 m/s by which the reach is rounded up.",
+        "less the 0.05 m/s by which the reach is rounded up, as long as the "
+        "emergency brake is not commanded.",
     ),
     _watched(
         4,

@@ -150,7 +150,10 @@ class ClaimWatch:
             # VOBC_MODE follows VOBC_MOTION at once; one that waited for the bus may belong to
             # another cycle.
             if 0 <= spoken.mode_ns - spoken.motion_ns < self._pair_ns:
-                self._note_over(truth, spoken, spoken.speed_reach_mps - REACH_STEP_MPS)
+                # A bound that may be above the curve by rounding alone demands no brake; where the
+                # brake is commanded, it shows that the brake came in time.
+                rounded_mps = 0.0 if spoken.emergency_commanded > 0.0 else REACH_STEP_MPS
+                self._note_over(truth, spoken, spoken.speed_reach_mps - rounded_mps)
         if self._over_ns >= 0:
             self._check_curve(now_ns, spoken)
         if spoken.status_ns != self._status_ns:

@@ -193,6 +193,16 @@ def test_a_bound_that_rounding_may_lift_to_the_curve_is_not_above_it(rig: Rig) -
     assert rig.result("inv-03-emergency-at-curve").margin is None
 
 
+def test_a_brake_at_a_bound_that_rounding_may_lift_to_the_curve_is_in_time(rig: Rig) -> None:
+    rig.step(6, speed_mps=20.0)
+    rig.send_now(BrakeCommand, emergency_released=False)
+    rig.send_now(VobcMotion, speed_mps=20.0, emergency_mps=20.5)
+    rig.tell(mode_told(speed_reach_mps=0.55))
+    rig.step(20)
+
+    assert rig.margin("inv-03-emergency-at-curve") == pytest.approx(0.07, abs=0.003)
+
+
 def test_a_bound_of_another_cycle_does_not_count(rig: Rig) -> None:
     bound_at_curve(rig, reach_mps=0.6, later_s=0.03)
     rig.step(20)
