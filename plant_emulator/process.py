@@ -326,10 +326,10 @@ class PlantDevice:
 
     @property
     def authority_end_m(self) -> float:
-        """Farthest end of all authorities sent so far; before the first one, the train's front at
-        the start.
+        """Farthest end of all authorities so far; before the first one, the train's front at the
+        start.
         """
-        farthest_m = self.zone.farthest_end_m
+        farthest_m = self.railway.farthest_end_m
         return self.scenario.start.stop_m if farthest_m is None else farthest_m
 
     def _take(self, command: Frame, heard_ns: int) -> None:

@@ -250,9 +250,9 @@ class Truth:
         Args:
             start_m: chainage of the front at the start.
         """
-        authority, orders = railway.zone.latest, railway.centre.latest
-        self.authority_now_m = start_m if authority is None else authority.end_m
-        self.authority_rear_m = railway.zone.latest_rear_m
+        end_m, orders = railway.latest_end_m, railway.centre.latest
+        self.authority_now_m = start_m if end_m is None else end_m
+        self.authority_rear_m = railway.latest_rear_m
         self.platform_doors_open = 0.0 if railway.doors.all_closed else 1.0
         self.platform_doors_locked = 1.0 if railway.doors.all_locked else 0.0
         if orders is None:

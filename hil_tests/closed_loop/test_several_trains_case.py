@@ -76,6 +76,69 @@ def test_a_fault_acts_on_its_train_only(driven: CaseResult) -> None:
     assert late.began
 
 
+MASTERS: Final = """
+[train]
+service = "both.toml"
+duration_s = 24.2
+masters = true
+kill_master_at_s = 20.0
+"""
+
+
+def test_trains_of_a_case_command_themselves(tmp_path: Path) -> None:
+    case, files = planned(tmp_path, MASTERS)
+
+    result = run_case(case, files=files)
+
+    assert result.exit_reason == "duration over"
+    assert result.verdict is Verdict.PASS, result.reason
+    found = {each.name: each for each in result.monitors}
+    # Train 2 takes part from 22.4 s on, and then the master is struck.
+    followed = found["master-followed"]
+    assert followed.verdict is Verdict.PASS
+    assert followed.at_s is not None
+    assert 22.4 < followed.at_s < 24.5
+    assert result.measures["takeover_worst_s"] is not None
+    assert result.measures["takeover_worst_s"] < 0.5
+    assert found["trains-apart"].verdict is Verdict.PASS
+    # The authorities of masters reach the monitors.
+    for name in ("inv-02-authority-end", "inv-11-mode-up", "inv-23-switch-locked"):
+        assert found[name].verdict is Verdict.PASS
+    assert result.measures["train_1_emergency_count"] == 1.0
+    assert result.measures["train_2_emergency_count"] == 0.0
+
+
+def test_a_case_in_which_no_master_was_struck_does_not_pass(tmp_path: Path) -> None:
+    scenario = MASTERS.replace("24.2", "9.0").replace("at_s = 20.0", "at_s = 5.0")
+    case, files = planned(tmp_path, scenario)
+
+    result = run_case(case, files=files)
+
+    assert result.verdict is Verdict.INCONCLUSIVE
+    assert "not judged by: master-followed" in result.reason
+
+
+@pytest.mark.parametrize(
+    ("fault", "problem"),
+    [
+        ('kind = "radio_loss"', "radio_loss acts on authorities of the zone controller"),
+        ('kind = "signal_stop"', "signal_stop acts on authorities of the zone controller"),
+        ('kind = "clock_step"', "clock_step does not reach the radio of masters"),
+        ('kind = "controller_killed"\nduration_s = 2.0', "cannot restart a train under masters"),
+    ],
+)
+def test_a_fault_that_cannot_act_under_masters_blocks_the_case(
+    fault: str, problem: str, tmp_path: Path
+) -> None:
+    case, files = planned(tmp_path, f"{MASTERS}[[fault]]\n{fault}\n")
+
+    result = run_case(case, files=files)
+
+    assert result.verdict is Verdict.BLOCKED
+    assert "fault[0].kind: " in result.reason
+    assert problem in result.reason
+
+
 @pytest.mark.parametrize(
     ("before", "after", "problem"),
     [
@@ -109,6 +172,18 @@ def test_a_fault_of_no_train_of_the_case_blocks_it(
             "trains 2: florence has no switches",
         ),
         ('service = "both.toml"', "trains = 2", "trains: 2 needs service"),
+        ('service = "both.toml"', "masters = true", "masters: true needs service"),
+        ("duration_s = 27.0", "cut_master_at_s = 5.0", "cut_master_at_s: 5 needs masters = true"),
+        (
+            "duration_s = 27.0",
+            "masters = true\ncut_master_at_s = -1.0",
+            "cut_master_at_s: -1.0 is not within 0..",
+        ),
+        (
+            "duration_s = 27.0",
+            "masters = true\ncut_master_at_s = 5.0\nkill_master_at_s = 6.0",
+            "kill_master_at_s: 6 excludes cut_master_at_s",
+        ),
         ("train = 1", "train = 0", "train: 0 is not a whole number of 1 or more"),
     ],
 )

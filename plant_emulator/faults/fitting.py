@@ -7,12 +7,18 @@ from can_dbc.nodes import Node
 from firmware_py.settings import SettingsError, nearest
 from firmware_py.trackdb.network import TrackNetwork
 from plant_emulator.faults.declared_loops import LOOP_FAULTS
+from plant_emulator.faults.declared_process import ClockStep, ControllerKilled
 from plant_emulator.faults.declared_wayside import (
+    AuthorityWithdrawn,
+    OtherDatabase,
+    RearUnprotected,
     RouteSet,
+    SignalStop,
     SwitchLost,
     SwitchStray,
     SwitchStuck,
     TrackClosed,
+    WrongMap,
 )
 from plant_emulator.faults.kinds import FaultPlace, Kind
 from plant_emulator.faults.plan import FaultPlan
@@ -23,6 +29,8 @@ EFFORT: Final = (Node.TCU, Node.BCU)
 SWITCH_FAULTS: Final = (SwitchLost, SwitchStray, SwitchStuck)
 TRACK_FAULTS: Final = (*SWITCH_FAULTS, RouteSet, TrackClosed)
 """Faults that need a network with switches."""
+ZONE_FAULTS: Final = (AuthorityWithdrawn, OtherDatabase, RearUnprotected, SignalStop, WrongMap)
+"""Faults of the zone controller, which gives no authority to trains that command themselves."""
 NODES_OF_PLACE: Final[Mapping[FaultPlace, tuple[Node, ...]]] = {
     FaultPlace.ACTUATOR: EFFORT,
     FaultPlace.SENSOR: (Node.ODO,),
@@ -84,6 +92,22 @@ def check_acting(faults: Iterable[FaultPlan], source: str, *, trains: int, trips
                 f"{where}.train: missing key: {plan.kind.name} acts on a switch of all trains; "
                 "add the train in whose trips it acts"
             )
+
+
+def check_commanded(faults: Iterable[FaultPlan], source: str) -> None:
+    """Raise SettingsError for a fault that cannot act on trains that command themselves."""
+    for plan in faults:
+        window = plan.window
+        ends = any((window.end_s, window.duration_s, window.until))
+        why = ""
+        if plan.kind.place is FaultPlace.RADIO or isinstance(plan.parameters, ZONE_FAULTS):
+            why = "acts on authorities of the zone controller, and masters issue them here"
+        elif isinstance(plan.parameters, ClockStep):
+            why = "does not reach the radio of masters"
+        elif isinstance(plan.parameters, ControllerKilled) and ends:
+            why = "cannot restart a train under masters; leave out its end"
+        if why:
+            raise SettingsError(f"{source}: fault[{plan.index}].kind: {plan.kind.name} {why}")
 
 
 def _check_network(plan: FaultPlan, source: str, network: TrackNetwork | None) -> None:

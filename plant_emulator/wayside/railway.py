@@ -1,7 +1,7 @@
 """The rest of the railway: zone controller, operations centre and platform doors."""
 
 from collections.abc import Iterable
-from typing import Final
+from typing import Final, NamedTuple
 
 from firmware_py.ports import RadioMessage
 from firmware_py.trackdb import LineMap, Station
@@ -20,6 +20,14 @@ def subscriptions(line_name: str) -> tuple[str, ...]:
     return (keys.reports(line_name), keys.statuses(line_name))
 
 
+class _Given(NamedTuple):
+    """An authority of a master, with the farthest end so far."""
+
+    end_m: float
+    rear_m: float
+    farthest_m: float
+
+
 class Railway:
     """Passes each message to its receiver."""
 
@@ -33,6 +41,8 @@ class Railway:
         self.zone = ZoneController(line, destination)
         self.centre = Centre(line, self.doors)
         self.interlocking = interlocking
+        self._by_master: _Given | None = None
+        """The newest authority of a master; None without masters, or before the first."""
         if interlocking is not None:
             self.zone.limit_m = interlocking.limit_m
         self._answers_sent = 0
@@ -40,8 +50,33 @@ class Railway:
 
     @property
     def told(self) -> int:
-        """Counter that increases when an answer was sent or platform doors changed."""
+        """Counter that increases with each authority, answer, and change of platform doors."""
         return self._answers_sent + self.doors.changes
+
+    @property
+    def farthest_end_m(self) -> float | None:
+        """Farthest end of all authorities for the train so far; None before the first one."""
+        given = self._by_master
+        return self.zone.farthest_end_m if given is None else given.farthest_m
+
+    @property
+    def latest_end_m(self) -> float | None:
+        """End of the newest authority for the train; None before the first one."""
+        if self._by_master is not None:
+            return self._by_master.end_m
+        return None if self.zone.latest is None else self.zone.latest.end_m
+
+    @property
+    def latest_rear_m(self) -> float:
+        """Place up to which the newest authority protects the rear."""
+        given = self._by_master
+        return self.zone.latest_rear_m if given is None else given.rear_m
+
+    def obey(self, *, end_m: float, rear_m: float) -> None:
+        """Note an authority that a master gave the train."""
+        farthest_m = end_m if self._by_master is None else max(end_m, self._by_master.farthest_m)
+        self._by_master = _Given(end_m, rear_m, farthest_m)
+        self._answers_sent += 1
 
     def keep_until(self, departs_ns: int) -> None:
         """Keep the train at its start until then."""

@@ -317,8 +317,8 @@ def _class_range(key: FileKey) -> str:
 
     def takes(value: float) -> bool:
         others: dict[str, Any] = {}
-        if key.name == "trains":
-            others = {"service": "shuttle.toml"}
+        if key.owner is schema.TrainKeys:
+            others = {"service": "shuttle.toml", "masters": True}
         if key.owner is schema.BranchKeys:
             others = {"when": "speed_mps > 1"}
         if key.owner is schema.SweepKeys:

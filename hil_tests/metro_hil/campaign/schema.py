@@ -107,6 +107,9 @@ class TrainKeys:
     memory_line: str | None = None
     service: str | None = None
     trains: int | None = None
+    masters: bool = False
+    cut_master_at_s: float | None = None
+    kill_master_at_s: float | None = None
 
     def __post_init__(self) -> None:
         in_range(self, "load_ratio", 0.0, 1.0)
@@ -124,11 +127,24 @@ class TrainKeys:
         in_range(self, "trains", 1, TRAINS_MAX)
         if self.trains is not None and self.service is None:
             raise ValueError(f"trains {self.trains} needs service, whose trips the trains make")
+        if self.masters and self.service is None:
+            raise ValueError("masters true needs service, whose trains command themselves")
+        self._check_strikes()
         if self.service is not None:
             given = [name for name in ("start", "end") if getattr(self, name) is not None]
             given += ["wakes_up"] if self.wakes_up else []
             if given:
                 raise ValueError(f"{given[0]} is decided by service {self.service!r}; leave it out")
+
+    def _check_strikes(self) -> None:
+        strikes = ("cut_master_at_s", "kill_master_at_s")
+        given = [name for name in strikes if getattr(self, name) is not None]
+        for name in given:
+            in_range(self, name, 0.0, DURATION_MAX_S)
+            if not self.masters:
+                raise ValueError(f"{name} {getattr(self, name):g} needs masters = true")
+        if len(given) > 1:
+            raise ValueError(f"{given[1]} {getattr(self, given[1]):g} excludes {given[0]}")
 
 
 TRAIN: Final = (*TrainKeys.__dataclass_fields__, *OVERRIDES)

@@ -1,7 +1,7 @@
 """Checks `[train]` and `[timetable]` of a scenario against the line and trains that they name."""
 
 from collections.abc import Callable, Mapping
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 import msgspec
 
@@ -19,6 +19,8 @@ from vobc.config import VobcConfig
 from vobc.plausible import implausible
 
 T = TypeVar("T")
+OF_SERVICE: Final = ("service", "trains", "masters", "cut_master_at_s", "kill_master_at_s")
+"""Keys that are those of all trips together."""
 DEFAULT = Setup()
 
 
@@ -80,7 +82,7 @@ def _read_service(
     for trip in trips:
         _, route = split_route(trip.line)
         alone = {**train, "line": with_route(written, route), "start": trip.start, "end": trip.end}
-        for key in ("service", "trains"):
+        for key in OF_SERVICE:
             alone.pop(key, None)
         table = {"dwell_s": dict(trip.dwell_s)}
         read = read_setup({"train": alone, "timetable": table}, sources, findings)
@@ -89,12 +91,11 @@ def _read_service(
         reads.append(read)
     trains = setup.trains or read_service(str(sources.paths[name])).trains
     network, _ = split_route(trips[0].line)
-    if trains > 1 and not load_network(network).switches:
+    if (trains > 1 or setup.masters) and not load_network(network).switches:
         findings.add("train.service", needs_switches(trains, written))
         return None
-    return msgspec.structs.replace(
-        reads[0], service=name, trains=setup.trains, start=None, end=None, dwell_s={}
-    )
+    kept = {key: getattr(setup, key) for key in OF_SERVICE if key != "service"}
+    return msgspec.structs.replace(reads[0], service=name, start=None, end=None, dwell_s={}, **kept)
 
 
 def _given(

@@ -58,6 +58,9 @@ NAMES: Final[Mapping[str, str]] = {
     "switches_moved_count": "movements of switches",
     "routes_refused_count": "routes that had to wait because something conflicted",
     "ends_changed_count": "changes of ends of the train between trips",
+    "command_changes_count": "trains that began to command an area under masters",
+    "takeover_worst_s": "longest time until another train commanded, after a master was struck",
+    "authority_oldest_s": "age of the oldest authority of another train in the 2 s after that",
     "bus_load_ratio": "share of time that the bus was occupied",
 }
 """Measures of every case with their meaning. Each station of the timetable adds four:

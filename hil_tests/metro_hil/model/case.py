@@ -79,6 +79,12 @@ class Setup(msgspec.Struct, frozen=True, kw_only=True):
     """Service whose trips the train makes; a file of the user. `line` is that of the first trip."""
     trains: int | None = None
     """Number of trains that make the trips; None for that of the service."""
+    masters: bool = False
+    """Whether the trains of the service command themselves."""
+    cut_master_at_s: float | None = None
+    """Time at which the radio of a train that commands is cut, s; None for no cut."""
+    kill_master_at_s: float | None = None
+    """Time at which the controller of a train that commands is killed, s; None for none."""
     real: ConfigTable = {}
     """Overrides of the consist's file by dotted key, such as `brake.service.gain_ratio.low`."""
     believed: ConfigTable = {}

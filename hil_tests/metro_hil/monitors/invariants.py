@@ -156,11 +156,15 @@ class Invariants:
         """Take one radio message, as the controller receives it."""
         message = unpack(payload)
         if isinstance(message, MovementAuthority):
-            self._authority.heard(message)
-            if self._switched:
-                self._switches.heard(message)
+            self.authority(message)
         elif isinstance(message, TrainOrders):
             self._restrictions.heard(message)
+
+    def authority(self, authority: MovementAuthority) -> None:
+        """Take an authority on which the controller may act."""
+        self._authority.heard(authority)
+        if self._switched:
+            self._switches.heard(authority)
 
     def sample(self, truth: Truth, now_ns: int) -> None:
         """Take one step of the plant; the caller resets `news` of the frames."""

@@ -18,6 +18,7 @@ from metro_hil.monitors.terms import TermState
 from metro_hil.monitors.vocabulary import BOOLEANS, NAMES
 from plant_emulator.truth import SIGNALS as TRUTH_SIGNALS
 from plant_emulator.truth import Truth
+from zenoh_config.messages import MovementAuthority
 
 NS_PER_S: Final = 1_000_000_000
 AROUND_NS: Final = NS_PER_S
@@ -129,6 +130,11 @@ class MonitorSet:
         """Take one radio message, as the controller receives it."""
         if self._watches:
             self._invariants.radio(payload)
+
+    def authority(self, authority: MovementAuthority) -> None:
+        """Take an authority of masters, on which the controller may act from now on."""
+        if self._watches:
+            self._invariants.authority(authority)
 
     def sample(self, truth: Truth, now_ns: int) -> None:
         """Take one step of the plant, after all frames that ended up to now."""

@@ -3,7 +3,8 @@
 import math
 import traceback
 from collections.abc import Callable, Sequence
-from typing import Final
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
 
 from can_dbc.nodes import Node
 from firmware_py.clock.clock import WallClock
@@ -42,6 +43,11 @@ from plant_emulator.truth import SIGNALS, Truth
 from plant_emulator.wayside.interlocking import Interlocking, SharedNetwork
 from plant_emulator.world import STEP_NS
 from vobc.vocabulary import CycleOutput
+from zenoh_config.messages import MovementAuthority
+
+if TYPE_CHECKING:
+    # Only trains that command themselves need this module.
+    from vobc.process.line_command import LineCommand
 
 NS_PER_S: Final = 1_000_000_000
 MS_PER_S: Final = 1000.0
@@ -105,10 +111,12 @@ class CaseRun:
         folder: RunFolder | None,
         places: frozenset[FaultPlace] = frozenset(),
         shared: SharedNetwork | None = None,
+        command: "LineCommand | None" = None,
     ) -> None:
         """Args:
         places: places where faults of other cases may act that continue from a copy of this run.
         shared: the network that the train shares with others.
+        command: train-to-train control. Authorities then come only from it.
         """
         self.case = case
         self.parts = parts
@@ -123,17 +131,17 @@ class CaseRun:
         own_port, input_age_s = hearing_of(parts.faults, places)
         later = bool(places)
         places |= {plan.kind.place for plan in parts.faults}
-        self._monitors = MonitorSet(
-            plans_of(case),
-            Context(
-                line=parts.scenario.line,
-                train=parts.scenario.train,
-                cycle_s=case.setup.cycle_ms / MS_PER_S,
-                input_age_s=input_age_s,
-                localisation_limit_m=parts.config.odometry.localisation_limit_m,
-            ),
-            own_port=own_port,
+        context = Context(
+            line=parts.scenario.line,
+            train=parts.scenario.train,
+            cycle_s=case.setup.cycle_ms / MS_PER_S,
+            input_age_s=input_age_s,
+            localisation_limit_m=parts.config.odometry.localisation_limit_m,
         )
+        if command is not None:
+            # The line agrees on a maximum age of its own.
+            context = replace(context, authority_age_s=parts.config.atp.authority_age_max_s)
+        self._monitors = MonitorSet(plans_of(case), context, own_port=own_port)
         self.bench = Lockstep(
             parts.config,
             parts.scenario,
@@ -152,6 +160,7 @@ class CaseRun:
             controller=case.controller,
             plant=case.plant,
             shared=shared,
+            command=command,
         )
         self._events: list[CaseEvent] = []
         self._output: CycleOutput | None = None
@@ -174,6 +183,10 @@ class CaseRun:
         self._monitors.frame(stamp_ns, can_id, data)
         self._notches.frame(stamp_ns, can_id, data)
         self._brake_reports.frame(stamp_ns, can_id, data)
+
+    def obeys(self, authority: MovementAuthority) -> None:
+        """Take an authority of masters, on which the controller may act from now on."""
+        self._monitors.authority(authority)
 
     def _truth(self, truth: Truth, now_ns: int) -> None:
         self.truth = truth

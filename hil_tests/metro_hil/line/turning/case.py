@@ -14,8 +14,8 @@ from firmware_py.storage.errors import RecorderError
 from firmware_py.storage.recorder import loss_text
 from metro_hil.line.turning.conductor import Conductor
 from metro_hil.line.turning.invariants import Between
-from metro_hil.line.turning.masters import Masters
-from metro_hil.line.turning.plan import FleetPlan, TripPlan, entry_of
+from metro_hil.line.turning.masters import Masters, StruckMaster
+from metro_hil.line.turning.plan import FleetPlan, TripPlan, entry_of, strike_of
 from metro_hil.line.turning.train import TurningTrain
 from metro_hil.model.case import Case, CaseEvent, CaseResult, MonitorResult, Verdict
 from metro_hil.model.case_setup import CaseParts, Files, file_name
@@ -35,11 +35,20 @@ from metro_hil.run.service_case import (
     trip_parts,
     trip_result,
 )
+from plant_emulator.faults.declared_process import ControllerKilled
+from plant_emulator.faults.fitting import check_commanded
+from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.wayside.interlocking import SharedNetwork, SignalBox
+from plant_emulator.wayside.route_objects import check_paths
 from plant_emulator.world import TrainScenario
+from vobc.train_to_train.vocabulary import T2tConfig
+from zenoh_config.messages import MovementAuthority
 
+MS_PER_S: Final = 1e3
 APART: Final = "trains-apart"
 """Name of the monitor of what must hold between trains."""
+FOLLOWED: Final = "master-followed"
+"""Name of the monitor of what must hold after a master was struck."""
 OF_EACH: Final = ("arrived_count", "stop_error_worst_m", "emergency_count", "energy_drawn_kwh")
 """Measures that each train has of its own, as `train_1_arrived_count`."""
 
@@ -59,9 +68,14 @@ class CaseTrain(TurningTrain):
     """A train whose trips are judged as a case."""
 
     def __init__(
-        self, fleet: "Fleet", number: int, box: SignalBox, folder: Path | None = None
+        self,
+        fleet: "Fleet",
+        number: int,
+        box: SignalBox,
+        folder: Path | None = None,
+        masters: Masters | None = None,
     ) -> None:
-        super().__init__(fleet.plan, number, box, folder)
+        super().__init__(fleet.plan, number, box, folder, masters)
         self.shown: list[TripResult] = []
         """The trips that have ended."""
         self.turns = 0
@@ -70,6 +84,8 @@ class CaseTrain(TurningTrain):
         self.reason = ""
         """How the case ended, if that ends the present trip."""
         self._fleet = fleet
+        self._obeyed: tuple[int, ...] = ()
+        """Number of the newest authority that the monitors have."""
 
     def advance(self, until_ns: int) -> None:
         try:
@@ -78,17 +94,39 @@ class CaseTrain(TurningTrain):
             if self.run is None:
                 raise
             self.run.bury(error)
+            self._fall_silent()
+
+    def _look(self, bench: Lockstep) -> None:
+        super()._look(bench)
+        command, number = self._command, self.authority_number
+        held = None if command is None else command.held
+        if held is None or number == self._obeyed:
+            return
+        self._obeyed = number
+        bench.plant.railway.obey(end_m=held.end_m, rear_m=held.rear_m)
+        assert self.run is not None
+        # It was issued after the report that it answers.
+        head = (self.number, 0, held.term, held.sequence, held.echo_ns, held.end_m)
+        self.run.obeys(MovementAuthority(*head, stamp_ns=held.echo_ns, rear_m=held.rear_m))
+
+    def _on_fault(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
+        if active and isinstance(plan.parameters, ControllerKilled):
+            self._fall_silent()
 
     def _open(
         self, index: int, scenario: TrainScenario, journey: Journey, shared: SharedNetwork
     ) -> Lockstep:
-        parts = replace(self._fleet.parts[index], scenario=scenario, journey=journey)
+        parts = replace(
+            self._fleet.parts[index], scenario=scenario, journey=journey, config=self._config
+        )
         self.run = CaseRun(
             self._fleet.cases[index],
             acting(parts, train=self.number, trip=index + 1),
             self._trip_folder(index),
             shared=shared,
+            command=self._command,
         )
+        self.run.bench.plant.schedule.listen(self._on_fault)
         self._rows = self.run.rows
         return self.run.bench
 
@@ -124,9 +162,13 @@ class Fleet:
             trip_parts(each, files, trip, trains=trains, trips=len(trips))
             for each, trip in zip(self.cases, trips, strict=True)
         ]
+        if case.setup.masters:
+            check_commanded(self.parts[0].faults, case.id)
         first = self.parts[0]
         if first.scenario.tracks is None:
             raise SettingsError(f"{case.id}: {needs_switches(trains, case.setup.line)}")
+        if case.setup.masters:
+            check_paths([trip.path for trip in trips], case.id)
         self.plan = FleetPlan(
             first.scenario.tracks[0],
             first.config,
@@ -142,6 +184,8 @@ class Fleet:
                 for trip, each in zip(trips, self.parts, strict=True)
             ),
             case.seed,
+            case.setup.masters,
+            strike_of(case.setup),
         )
         self._trains: list[CaseTrain] = []
         self._reason = ""
@@ -163,8 +207,7 @@ class Fleet:
         folder: Path | None,
         masters: Masters | None,
     ) -> CaseTrain:
-        assert masters is None, "a case has no masters"
-        self._trains.append(CaseTrain(self, number, box, folder))
+        self._trains.append(CaseTrain(self, number, box, folder, masters))
         return self._trains[-1]
 
     def run(self) -> None:
@@ -204,8 +247,53 @@ class Fleet:
         for train in self._trains:
             own = measures_of([trip.result for trip in train.shown])
             measures |= {f"train_{train.number}_{name}": own.get(name) for name in OF_EACH}
+        monitors = [_apart(between)]
+        if self._conductor.masters is not None:
+            measures |= _measures_of(self._conductor.masters)
+            if self.plan.strike is not None:
+                monitors.append(_followed(self._conductor.masters.struck))
         end = ServiceEnd(self._reason, self._conductor.record.duration_s, wall_s)
-        return together(self._case, shown, end, measures, [_apart(between)])
+        return together(self._case, shown, end, measures, monitors)
+
+
+def _measures_of(masters: Masters) -> dict[str, float | None]:
+    struck = masters.struck
+    return {
+        "command_changes_count": float(len(masters.changes)),
+        "takeover_worst_s": None
+        if struck is None
+        else max(struck.takeovers_s.values(), default=None),
+        "authority_oldest_s": None if struck is None else struck.oldest_s,
+    }
+
+
+def _followed(struck: StruckMaster | None) -> MonitorResult:
+    """Whether others commanded after a master was struck, while their authorities were fresh."""
+    if struck is None:
+        detail = "no train commanded an area with another train in it"
+        return MonitorResult(
+            name=FOLLOWED,
+            verdict=Verdict.INCONCLUSIVE,
+            margin=None,
+            unit="s",
+            detail=detail,
+            own=False,
+        )
+    lost = [
+        f"area {area} of {path}"
+        for path, area in struck.areas
+        if (path, area) not in struck.takeovers_s
+    ]
+    margin_s = T2tConfig().timers.authority_ms / MS_PER_S - struck.oldest_s
+    return MonitorResult(
+        name=FOLLOWED,
+        verdict=Verdict.FAIL if lost or margin_s <= 0.0 else Verdict.PASS,
+        margin=None if lost else margin_s,
+        unit="s",
+        at_s=struck.at_s,
+        detail=f"no other train commanded {', '.join(lost)}" if lost else f"train {struck.train}",
+        own=False,
+    )
 
 
 def _apart(between: Between) -> MonitorResult:

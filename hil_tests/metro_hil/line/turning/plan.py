@@ -7,6 +7,7 @@ from firmware_py.settings import SettingsError
 from firmware_py.trackdb.line_map import LineMap
 from firmware_py.trackdb.network import TrackNetwork
 from metro_hil.metrics.fastest_run import fastest_run_s, limited_stretches
+from metro_hil.model.case import Setup
 from metro_hil.model.mission import Journey, check_reference, plan_journey
 from metro_hil.model.run_options import RunOptions
 from metro_hil.model.service import TRAINS_MAX, PlannedTrip, Service, needs_switches, read_service
@@ -129,12 +130,13 @@ def plan_fleet(options: RunOptions) -> FleetPlan:
         tuple(trips),
         options.seed,
         options.masters,
-        _strike(options),
+        strike_of(options),
     )
 
 
-def _strike(options: RunOptions) -> MasterStrike | None:
-    for at_s, kills in ((options.kill_master_at_s, True), (options.cut_master_at_s, False)):
+def strike_of(asked: RunOptions | Setup) -> MasterStrike | None:
+    """The fault of a master that a command line or a case asks for."""
+    for at_s, kills in ((asked.kill_master_at_s, True), (asked.cut_master_at_s, False)):
         if at_s is not None:
             return MasterStrike(at_s, kills)
     return None

@@ -171,6 +171,10 @@ class TurningTrain:
         """Kill the controller. The train's units brake, and its plant goes on."""
         assert self.bench is not None
         self.bench.without_controller()
+        self._fall_silent()
+
+    def _fall_silent(self) -> None:
+        """Take part in no line any more, because the controller is dead."""
         if self._masters is not None:
             self._masters.leave(self._path_name(), self.number)
             self._command = None
