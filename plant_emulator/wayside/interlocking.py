@@ -3,13 +3,13 @@
 A route leads from a signal over one switch, or over several without room for a signal between
 them, to the next signal. A signal stands before each switch on every track that leads to it. Trains
 follow each other over one route, but only one at a time goes into a track that ends at a buffer
-stop. Two tracks that cross are never taken by two of them. The module is pure: it receives time and
-places of the trains.
+stop. Two tracks that cross are never taken by two of them. On a shared track, only trains of one
+path follow each other. The module is pure: it receives time and places of the trains.
 """
 
 import enum
 import itertools
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
 from typing import Final
@@ -59,7 +59,7 @@ class SwitchOnPath:
 
 @dataclass(frozen=True, slots=True)
 class RouteSection:
-    """The route from one signal of a path to the next."""
+    """The route from one signal of a path to the next. It may lead over no switch, see `Shared`."""
 
     signal_m: float
     crossings: tuple[SwitchOnPath, ...]
@@ -71,21 +71,46 @@ class RouteSection:
     """Whether the last track ends at a buffer stop."""
 
     @property
+    def first_m(self) -> float:
+        """Where the tracks of the route begin: at its first switch, if it has one."""
+        return self.tracks[0].from_m
+
+    @property
+    def last_m(self) -> float:
+        """Place of its last switch; without a switch, where its tracks begin."""
+        return self.crossings[-1].at_m if self.crossings else self.first_m
+
+    @property
     def locks(self) -> tuple[tuple[str, Lie, bool], ...]:
         """Every switch that the route locks, its end position, and whether the route uses it."""
         used = tuple((each.switch, each.lie, True) for each in self.crossings)
         return used + tuple((switch, lie, False) for switch, lie in self.flank)
 
 
-def sections_of(network: TrackNetwork, path: Path) -> tuple[RouteSection, ...]:
+Shared = Mapping[str, bool]
+"""Tracks into which trains of one path at a time have a route, each with a signal before it.
+
+The value says whether all paths run over the track in the same direction. A route leads over all
+of a single line, so that no train waits within it for one that comes towards it.
+"""
+NOT_SHARED: Final[Shared] = {}
+
+
+def sections_of(
+    network: TrackNetwork, path: Path, shared: Shared = NOT_SHARED
+) -> tuple[RouteSection, ...]:
     """The routes along a path, in running order."""
     groups: list[tuple[float, list[SwitchOnPath], list[Leg]]] = []
     for leg, ahead in itertools.pairwise(path.legs):
         crossing = _crossing(network, leg, ahead)
+        within = groups and groups[-1][2] == [leg] and _is_short(leg)
         if crossing is None:
-            if groups:
+            one_way = shared.get(ahead.track.name)
+            if one_way is not None and not within and (one_way or not groups):
+                groups.append((leg.to_m - SIGNAL_M, [], [ahead]))
+            elif groups:
                 groups[-1][2].append(ahead)
-        elif groups and groups[-1][2] == [leg] and _is_short(leg):
+        elif within:
             groups[-1][1].append(crossing)
             groups[-1][2].append(ahead)
         else:
@@ -201,6 +226,8 @@ class SignalBox:
         self.claimed: dict[str, frozenset[str]] = {}
         """Switches that are locked for the master of a path, by the path's name. They move
         neither for trains of other paths nor by hand."""
+        self.shared: Shared = NOT_SHARED
+        """Tracks of several paths, under masters that know the trains of their own path only."""
         self.entering: dict[str, Stretch] = {}
         """By name, each train that is due to enter and has no room yet, with its place."""
 
@@ -225,11 +252,13 @@ class SignalBox:
             return False
         ways = body.tracks()
         crossed = self.crossed_by(ways)
-        for _, taken in self.taken(""):
+        for holder, taken in self.taken(""):
             if not crossed.isdisjoint(taken):
                 return False
-            if any(ways.get(track, running) is not running for track, running in taken.items()):
-                return False
+            for track, running in taken.items():
+                may_follow = self.may_follow(path, holder, track)
+                if track in ways and not (may_follow and running is ways[track]):
+                    return False
         below = _below(sections_of(self.network, path), front_m=front_m, rear_m=rear_m)
         locked = {switch for held in self.locked() for switch, _, _ in held[1].switches}
         return locked.isdisjoint(below)
@@ -252,6 +281,13 @@ class SignalBox:
             and stands_on.isdisjoint(leg.track.name for leg in place.path.legs)
             for place in self.entering.values()
         )
+
+    def may_follow(self, path: Path, holder: str, track: str) -> bool:
+        """Whether a train of a path may be on a track together with the holder."""
+        if track not in self.shared:
+            return True
+        routes = self.trains.get(holder)
+        return routes is not None and routes.stretch.path.line.name == path.line.name
 
     def crossed_by(self, tracks: Collection[str]) -> set[str]:
         """The tracks that cross any of these.
@@ -318,7 +354,7 @@ class Interlocking:
         """Routes of the network by name, as the signaller sets them."""
         self.departs_ns = 0
         """Until then, the train requests no route."""
-        self._ahead = sections_of(network, path)
+        self._ahead = sections_of(network, path, self.box.shared)
         self._to_m, self._front_m, self._rear_m = to_m, front_m, rear_m
         self._train, self._began_ns = shared.train, shared.began_ns
         self._stops_m = shared.stops_m
@@ -349,7 +385,7 @@ class Interlocking:
         return any(
             leg.track.name == track
             for section in self._ahead
-            if section.crossings[0].at_m < self._to_m and not self._is_behind(section)
+            if section.first_m < self._to_m and not self._is_behind(section)
             for leg in section.tracks
         )
 
@@ -381,6 +417,20 @@ class Interlocking:
         return min(limits_m)
 
     @property
+    def behind_unknown(self) -> bool:
+        """Whether a train of another path stands ahead, before the next signal.
+
+        The masters of this path do not know it. That can only be where a train went on over this
+        path in place; the train then waits until the other one has left.
+        """
+        own = self.stretch.path.line.name
+        unknown = [
+            each.body for each in self.box.trains.values() if each.stretch.path.line.name != own
+        ]
+        ahead_m = next((s.signal_m for s in self._ahead if s.signal_m >= self._front_m), inf)
+        return bool(self.box.shared) and limit_m(self.body, unknown, space_m=0.0) < ahead_m
+
+    @property
     def unlocked_m(self) -> float:
         """Place of the first switch on the train's path that is not locked and proven; infinite
         without one. A switch is behind the train once it may be released."""
@@ -407,7 +457,7 @@ class Interlocking:
     @property
     def first_switch_m(self) -> float:
         """Place of the last switch of the first route on the path; infinite without one."""
-        return self._ahead[0].crossings[-1].at_m if self._ahead else inf
+        return next((each.last_m for each in self._ahead if each.crossings), inf)
 
     @property
     def body(self) -> Stretch:
@@ -429,7 +479,7 @@ class Interlocking:
         return next((each for each in self.held if each.section is section), None)
 
     def _is_behind(self, section: RouteSection) -> bool:
-        return self._rear_m > section.crossings[-1].at_m + CLEAR_M
+        return self._rear_m > section.last_m + CLEAR_M
 
     def _is_proven(self, section: RouteSection) -> bool:
         held = self._own(section)
@@ -441,10 +491,9 @@ class Interlocking:
 
     def _request_ahead(self) -> None:
         for section in self._ahead:
-            first_m = section.crossings[0].at_m
             if self._is_behind(section) or self._own(section) is not None:
                 continue
-            if first_m >= self._to_m or section.signal_m - self._front_m > LOOK_AHEAD_M:
+            if section.first_m >= self._to_m or section.signal_m - self._front_m > LOOK_AHEAD_M:
                 return
             if self._stops_before(section.signal_m) or self._is_behind_another(section.signal_m):
                 return
@@ -482,12 +531,13 @@ class Interlocking:
         ways = {leg.track.name: leg.running for leg in section.tracks}
         if not ways.keys().isdisjoint(self.closed) or self.box.kept_free(holder, ways):
             return False
-        crossed = self.box.crossed_by(ways)
+        crossed, path = self.box.crossed_by(ways), self.stretch.path
         for other, taken in self.box.taken(holder):
-            follows = self._are_trains(holder, other) and not section.dead_end
+            trains = self._are_trains(holder, other) and not section.dead_end
             if not crossed.isdisjoint(taken):
                 return False
             for track, running in taken.items():
+                follows = trains and self.box.may_follow(path, other, track)
                 if track in ways and not (follows and running is ways[track]):
                     return False
         return True

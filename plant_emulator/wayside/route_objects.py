@@ -22,10 +22,18 @@ from firmware_py.trackdb.areas import (
     ObjectSite,
     sections_between,
 )
-from firmware_py.trackdb.network import Running, TrackNetwork
+from firmware_py.trackdb.network import TrackNetwork
 from firmware_py.trackdb.paths import Path, TrackPlace
 from plant_emulator.wayside.detection import INSET_M
-from plant_emulator.wayside.interlocking import Interlocking, sections_of
+from plant_emulator.wayside.interlocking import (
+    AT_STOP_M,
+    NOT_SHARED,
+    SIGNAL_M,
+    Interlocking,
+    RouteSection,
+    Shared,
+    sections_of,
+)
 from plant_emulator.wayside.line_wayside import WaysideTruth
 from zenoh_config.t2t import ObjectState
 
@@ -35,25 +43,48 @@ APPLY_M: Final = 800.0
 """Distance before an area at which a train reports to it, too."""
 
 
-def divided(network: TrackNetwork, path: Path) -> AreaMap:
+def shared_tracks(paths: Iterable[Path]) -> dict[str, bool]:
+    """Tracks that several paths run over, or that cross a track.
+
+    The masters of one path do not know the trains of another. So only trains of one path at a time
+    are on such a track, and each has a signal before it.
+
+    Returns:
+        By track, whether all paths run over it in the same direction.
+    """
+    paths = {path.line.name: path for path in paths}.values()
+    runs = [leg for path in paths for leg in path.legs]
+    count = Counter(leg.track.name for leg in runs)
+    cross = {track for path in paths for each in path.crossings for track in (each.a, each.b)}
+    ways = {
+        leg.track.name: {each.running for each in runs if each.track == leg.track} for leg in runs
+    }
+    return {
+        track: len(runnings) == 1
+        for track, runnings in ways.items()
+        if count[track] > 1 or track in cross
+    }
+
+
+def divided(network: TrackNetwork, path: Path, shared: Shared = NOT_SHARED) -> AreaMap:
     """Areas, axle sections and objects of a path, by its chainage.
 
     A route is an object from its signal to its last switch, where its area ends. So every metre of
-    the path has one owner. A vehicle of another path can only be behind a switch, where a section
-    begins.
+    the path has one owner. A vehicle of another path can only be behind a switch or in a shared
+    track, where a section begins.
     """
-    routes = sections_of(network, path)
+    routes = sections_of(network, path, shared)
     start_m, end_m = path.line.start_m, path.line.end_m
     sites = tuple(
-        ObjectSite(number, ObjectKind.SWITCH, route.signal_m, route.crossings[-1].at_m)
+        ObjectSite(number, ObjectKind.SWITCH, route.signal_m, route.last_m)
         for number, route in enumerate(routes, start=1)
     )
     borders_m = (start_m, *(site.end_m for site in sites), end_m)
     joints_m = [start_m, end_m]
     for route in routes:
-        last_m = route.crossings[-1].at_m
-        joints_m.append(last_m)
-        joints_m += [c.at_m for c in route.crossings if last_m - c.at_m >= SECTION_MIN_M]
+        joints_m.append(route.last_m)
+        inner_m = [route.first_m, *(each.at_m for each in route.crossings)]
+        joints_m += [at_m for at_m in inner_m if route.last_m - at_m >= SECTION_MIN_M]
     areas = tuple(
         Area(number, *ends_m) for number, ends_m in enumerate(pairwise(borders_m), start=1)
     )
@@ -61,26 +92,24 @@ def divided(network: TrackNetwork, path: Path) -> AreaMap:
     return AreaMap(path.line.name, areas, sections, sites, APPLY_M)
 
 
-def check_paths(paths: Iterable[Path], source: str) -> None:
-    """Raise SettingsError if two paths run over a track in the same direction, or over a crossing.
+def check_starts(network: TrackNetwork, trips: Iterable[tuple[Path, str]], source: str) -> None:
+    """Raise SettingsError if a trip begins between a signal and the end of its route's object.
 
-    Their masters would not know of each other's trains.
+    A train there would need no locked object.
+
+    Args:
+        trips: path and station of departure of each.
     """
-    owners: dict[tuple[str, Running], str] = {}
-    for path in paths:
-        for crossing in path.crossings:
-            if {crossing.a, crossing.b} & {leg.track.name for leg in path.legs}:
+    trips = list(trips)
+    shared = shared_tracks(path for path, _ in trips)
+    for path, start in trips:
+        stop_m = path.line.station(start).stop_m
+        for route in sections_of(network, path, shared):
+            if route.signal_m - AT_STOP_M < stop_m < route.last_m:
                 raise SettingsError(
-                    f"{source}: route {path.line.name} runs over crossing {crossing.name}, which "
-                    "masters do not know; use routes without it, or leave out --masters"
-                )
-        for leg in path.legs:
-            owner = owners.setdefault((leg.track.name, leg.running), path.line.name)
-            if owner != path.line.name:
-                raise SettingsError(
-                    f"{source}: routes {owner} and {path.line.name} both run {leg.running.value} "
-                    f"over track {leg.track.name}, so two masters would command trains there; use "
-                    "one route for each direction of a track, or leave out --masters"
+                    f"{source}: the trip over {path.line.name} begins at {start}, "
+                    f"{route.last_m - stop_m:.1f} m before a track or switch that its masters must "
+                    f"lock first; let it begin at least {SIGNAL_M + AT_STOP_M:g} m before"
                 )
 
 
@@ -117,12 +146,12 @@ def truth_of(
 
 
 def claimed(
-    network: TrackNetwork, path: Path, areas: AreaMap, states: Mapping[int, ObjectState]
+    sections: Iterable[RouteSection], areas: AreaMap, states: Mapping[int, ObjectState]
 ) -> frozenset[str]:
     """The switches of all objects that are not free."""
     return frozenset(
         switch
-        for section, site in zip(sections_of(network, path), areas.objects, strict=True)
+        for section, site in zip(sections, areas.objects, strict=True)
         if states[site.number] is not ObjectState.FREE
         for switch, _, _ in section.locks
     )

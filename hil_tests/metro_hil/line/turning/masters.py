@@ -18,9 +18,15 @@ from firmware_py.trackdb.network import TrackNetwork
 from firmware_py.trackdb.paths import Path
 from firmware_py.trackdb.version import database_version
 from plant_emulator.wayside.departed_trains import DepartedTrains
-from plant_emulator.wayside.interlocking import Interlocking, SignalBox
+from plant_emulator.wayside.interlocking import (
+    NOT_SHARED,
+    Interlocking,
+    Shared,
+    SignalBox,
+    sections_of,
+)
 from plant_emulator.wayside.line_wayside import Disks, LineWayside
-from plant_emulator.wayside.route_objects import claimed, divided, truth_of
+from plant_emulator.wayside.route_objects import claimed, divided, shared_tracks, truth_of
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, ObjectMemory
 from vobc.config import VobcConfig
 from vobc.process.line_command import LineCommand, commanded
@@ -80,7 +86,9 @@ class Masters:
         self.changes: list[CommandChange] = []
         """Every train that began to command an area, the first ones included."""
         self._newest: dict[tuple[str, int], int] = {}
-        self.paths = {path.line.name: MasterPath(network, path) for path in paths}
+        known = {path.line.name: path for path in paths}
+        box.shared = shared_tracks(known.values())
+        self.paths = {name: MasterPath(network, path, box.shared) for name, path in known.items()}
 
     def config_of(self, config: VobcConfig, train: int) -> VobcConfig:
         return replace(commanded(config, self._t2t.timers), address=train)
@@ -157,13 +165,16 @@ class Masters:
 class MasterPath:
     """One path: its areas, its radio, its wayside, and the trains on it."""
 
-    def __init__(self, network: TrackNetwork, path: Path) -> None:
-        self.areas = divided(network, path)
+    def __init__(self, network: TrackNetwork, path: Path, shared: Shared = NOT_SHARED) -> None:
+        """Args:
+        shared: tracks that other paths run over, too.
+        """
+        self.areas = divided(network, path, shared)
         self.air = InprocRadio(DELAY_S)
         self.radios: dict[int, LineRadio] = {}
         """By train, its part in the line."""
         self._began_ns: dict[int, int] = {}
-        self._network, self._path = network, path
+        self._path, self._routes = path, sections_of(network, path, shared)
         self._database = database_version(path.line)
         self._memories: dict[int, CheckedStore[TrainMemory]] = {}
         self._ports: dict[int, InprocRadioPort] = {}
@@ -241,7 +252,7 @@ class MasterPath:
 
     def claimed(self) -> frozenset[str]:
         states = {number: each.memory.state for number, each in self._wayside.objects.items()}
-        return claimed(self._network, self._path, self.areas, states)
+        return claimed(self._routes, self.areas, states)
 
 
 def name_of(train: int) -> str:

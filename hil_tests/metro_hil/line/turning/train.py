@@ -182,7 +182,8 @@ class TurningTrain:
     def _be_commanded(self, bench: Lockstep, command: LineCommand) -> None:
         """Keep the stretch of a train that masters command, and let it wait until it is due."""
         routes = self.interlocking
-        command.waits = bench.clock.now_ns() < self._departs_ns
+        early = bench.clock.now_ns() < self._departs_ns
+        command.waits = early or (not self.moving and routes.behind_unknown)
         end_m, body = self.authority_end_m, routes.body
         routes.keep(rear_m=body.rear_m - REAR_M, end_m=max(body.end_m, end_m or body.end_m))
         # A master that is about to leave hands over while it still commands.

@@ -3,8 +3,8 @@
 The trains are points of mass: they run up to the authority that they hold, and stop there.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from math import sqrt
 from pathlib import Path
 from typing import Final
@@ -16,19 +16,32 @@ from hypothesis import strategies as st
 from firmware_py.ports import TunableRadioPort
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb.circuit import load_network, load_path
+from firmware_py.trackdb.network import Running
 from firmware_py.trackdb.paths import Path as Way
 from metro_hil.line.turning.invariants import Between, Observed
-from metro_hil.line.turning.masters import ARBITERS, AXLES, NS_PER_S, Masters
-from plant_emulator.wayside.interlocking import AT_STOP_M, Interlocking, SharedNetwork, SignalBox
+from metro_hil.line.turning.masters import ARBITERS, AXLES, NS_PER_S, Masters, StruckMaster
+from plant_emulator.wayside.interlocking import (
+    AT_STOP_M,
+    Interlocking,
+    SharedNetwork,
+    SignalBox,
+    sections_of,
+)
 from plant_emulator.wayside.line_object import LineObject
-from plant_emulator.wayside.route_objects import check_paths, claimed, divided, truth_of
+from plant_emulator.wayside.route_objects import (
+    check_starts,
+    claimed,
+    divided,
+    shared_tracks,
+    truth_of,
+)
 from plant_emulator.wayside.t2t_vocabulary import ObjectMemory
 from vobc.train_to_train.vocabulary import OwnTrain, T2tConfig
 from vobc.wire.line_radio import LineRadio
 from zenoh_config.messages import WAYSIDE
 from zenoh_config.t2t import ClaimKind, ObjectClaim, ObjectState
 
-NETWORK_FILE: Final = """
+SHORT: Final = """
 name = "short"
 buffer_stops = ["south.start", "north.end"]
 routes = [
@@ -40,42 +53,83 @@ switches = [
     { name = "W2", tip = "north.start", left = "east.end", right = "west.end" },
 ]
 """
-TRACKS: Final = {
-    "south": ("South", "stop_up_m = 50.0\nstop_down_m = 20.0"),
-    "east": ("East", "stop_up_m = 60.0"),
-    "west": ("West", "stop_down_m = 60.0"),
-    "north": ("North", "stop_up_m = 80.0\nstop_down_m = 50.0"),
+SHORT_TRACKS: Final = {
+    "south": (100.0, "stop_up_m = 50.0\nstop_down_m = 20.0"),
+    "east": (170.0, "stop_up_m = 60.0"),
+    "west": (170.0, "stop_down_m = 60.0"),
+    "north": (100.0, "stop_up_m = 80.0\nstop_down_m = 50.0"),
 }
-
-
+"""Length of each track and stopping points of its station: a siding at each end of a double track
+of 370 m."""
+BRANCH: Final = """
+name = "branch"
+buffer_stops = ["hill.start", "dale.start", "port.end"]
+joins = [{ a = "up1.end", b = "up2.start" }]
+routes = [
+    { name = "hill_port", legs = ["hill up", "neck up", "up1 up", "up2 up", "port up"] },
+    { name = "dale_port", legs = ["dale up", "neck up", "up1 up", "up2 up", "port up"] },
+    { name = "port_hill", legs = ["port down", "down down", "neck down", "hill down"] },
+    { name = "port_dale", legs = ["port down", "down down", "neck down", "dale down"] },
+]
+switches = [
+    { name = "W1", tip = "neck.start", left = "hill.end", right = "dale.end" },
+    { name = "W2", tip = "neck.end", left = "up1.start", right = "down.start" },
+    { name = "W3", tip = "port.start", left = "up2.end", right = "down.end" },
+]
+"""
+BRANCH_TRACKS: Final = {
+    **dict.fromkeys(("hill", "dale"), (100.0, "stop_up_m = 50.0\nstop_down_m = 20.0")),
+    "neck": (60.0, "stop_up_m = 30.0\nstop_down_m = 30.0"),
+    **dict.fromkeys(("up1", "up2"), (100.0, "stop_up_m = 60.0")),
+    "down": (200.0, "stop_down_m = 60.0"),
+    "port": (100.0, "stop_up_m = 80.0\nstop_down_m = 50.0"),
+}
+"""Two branches that join before a double track to one terminal."""
+SCISSORS: Final = """
+name = "scissors"
+buffer_stops = ["p1.end", "p2.end", "arrive.start", "depart.start"]
+routes = [
+    { name = "in2", legs = ["arrive up", "across1 up", "p2 up"] },
+    { name = "out1", legs = ["p1 down", "across2 down", "depart down"] },
+]
+switches = [
+    { name = "W1", tip = "arrive.end", left = "straight1.start", right = "across1.start" },
+    { name = "W2", tip = "depart.end", left = "across2.start", right = "straight2.start" },
+    { name = "W3", tip = "p1.start", left = "across2.end", right = "straight1.end" },
+    { name = "W4", tip = "p2.start", left = "straight2.end", right = "across1.end" },
+]
+crossings = [{ name = "K1", a = "across1", a_m = 30.0, b = "across2", b_m = 30.0 }]
+"""
+SCISSORS_TRACKS: Final = {
+    "arrive": (100.0, "stop_up_m = 50.0"),
+    "depart": (100.0, "stop_down_m = 20.0"),
+    **dict.fromkeys(("straight1", "straight2", "across1", "across2"), (60.0, "stop_up_m = 50.0")),
+    **dict.fromkeys(("p1", "p2"), (100.0, "stop_up_m = 80.0\nstop_down_m = 50.0")),
+}
+"""A scissors crossover between two tracks and two platforms."""
 TRACK: Final = """[[tracks]]
 name = "{name}"
 start_m = 0.0
 end_m = {end_m}
 limits = [{{ start_m = 0.0, end_m = {end_m}, limit_mps = 15.0 }}]
 [[tracks.platforms]]
-station = "{station}"
+station = "{name}"
 start_m = 10.0
-end_m = 90.0
+end_m = {platform_m}
 side = "none"
 dwell_s = 0.0
 {stops}
 """
+Tracks = Mapping[str, tuple[float, str]]
 
 
-def written(folder: Path) -> str:
-    """A network of 370 m: a siding at each end of a double track."""
-    tracks = "".join(
-        TRACK.format(
-            name=name,
-            station=station,
-            stops=stops,
-            end_m=170.0 if name in ("east", "west") else 100.0,
-        )
-        for name, (station, stops) in TRACKS.items()
+def written(folder: Path, head: str, tracks: Tracks) -> str:
+    text = head + "".join(
+        TRACK.format(name=name, stops=stops, end_m=end_m, platform_m=min(90.0, end_m))
+        for name, (end_m, stops) in tracks.items()
     )
-    path = folder / "short.toml"
-    path.write_text(NETWORK_FILE + tracks, encoding="utf-8")
+    path = folder / "network.toml"
+    path.write_text(text, encoding="utf-8")
     return str(path)
 
 
@@ -94,6 +148,7 @@ class Puppet:
 
     number: int
     shuttle: "Shuttle"
+    service: tuple[str, ...]
     due_ns: int = 0
     trips: int = 0
     front_m: float = 0.0
@@ -108,7 +163,7 @@ class Puppet:
 
     @property
     def way(self) -> Way:
-        return self.shuttle.ways[self.trips % 2]
+        return self.shuttle.ways[self.service[self.trips % len(self.service)]]
 
     @property
     def stop_m(self) -> float:
@@ -184,22 +239,33 @@ class Puppet:
         if abs(self.front_m - self.stop_m) > 1.0 or self.speed_mps or self.dead:
             return
         self.stood_cycles += 1
-        if self.stood_cycles == TURN_CYCLES:
+        if self.stood_cycles == TURN_CYCLES and len(self.service) > 1:
             self.shuttle.masters.leave(self.way.line.name, self.number)
             self.trips += 1
             self.begin(now_ns)
 
 
 class Shuttle:
-    """Trains that run round and round on the short network."""
+    """Trains that run round and round on a network."""
 
-    def __init__(self, file: str, dues_s: Sequence[float]) -> None:
+    def __init__(
+        self,
+        file: str,
+        dues_s: Sequence[float],
+        services: Sequence[tuple[str, ...]] = (("out", "back"),),
+    ) -> None:
+        """Args:
+        services: routes of each train; a last one counts for all further trains.
+        """
         self.network = load_network(file)
-        self.ways = tuple(load_path(f"{file}:{name}") for name in ("out", "back"))
+        self.ways = {each.name: load_path(f"{file}:{each.name}") for each in self.network.routes}
         self.box, self.between, self.now_ns = SignalBox(self.network), Between(), 0
-        self.masters = Masters(self.network, self.ways, self.box)
+        self.masters = Masters(self.network, self.ways.values(), self.box)
         self.trains = [
-            Puppet(number, self, round(due_s * NS_PER_S))
+            Puppet(
+                *(number, self, services[min(number, len(services)) - 1]),
+                due_ns=round(due_s * NS_PER_S),
+            )
             for number, due_s in enumerate(dues_s, start=1)
         ]
 
@@ -217,7 +283,26 @@ class Shuttle:
             }
             self.between.look(self.now_ns / NS_PER_S, present)
             self.check_switches()
+            self.check_tracks()
         return self
+
+    def strike(self, duration_s: float = 0.4) -> StruckMaster | None:
+        """Cut the radio of a master for a while."""
+        struck = self.masters.choose(self.now_ns)
+        if struck is not None:
+            self.masters.cut(struck.train)
+        self.run(duration_s)
+        self.masters.heal()
+        return struck
+
+    def check_tracks(self) -> None:
+        """Trains of one path at a time run over a track in one direction."""
+        owners: dict[tuple[str, Running], str] = {}
+        for each in self.trains:
+            if each.routes is not None:
+                for taken in each.routes.occupied().items():
+                    # A train that went on over another path in place waits for the one behind it.
+                    assert owners.setdefault(taken, each.way.line.name) == each.way.line.name, taken
 
     def check_switches(self) -> None:
         """A switch is locked for the master of one path at most, and does not move then."""
@@ -230,7 +315,12 @@ class Shuttle:
 
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> str:
-    return written(tmp_path_factory.mktemp("network"))
+    return written(tmp_path_factory.mktemp("short"), SHORT, SHORT_TRACKS)
+
+
+@pytest.fixture(scope="module")
+def branch(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return written(tmp_path_factory.mktemp("branch"), BRANCH, BRANCH_TRACKS)
 
 
 def test_areas_end_at_switches(file: str) -> None:
@@ -245,13 +335,48 @@ def test_areas_end_at_switches(file: str) -> None:
     assert {100.0, 270.0} <= {each.start_m for each in areas.sections}
 
 
-def test_two_masters_of_one_direction_are_refused(file: str) -> None:
-    path = load_path(f"{file}:out")
-    other = replace(path, line=replace(path.line, name="other"))
+def test_a_shared_track_begins_with_an_object(branch: str) -> None:
+    network = load_network(branch)
+    paths = [load_path(f"{branch}:{each.name}") for each in network.routes]
+    shared = shared_tracks(paths)
 
-    check_paths([path, path, load_path(f"{file}:back")], "service.toml")
-    with pytest.raises(SettingsError, match=r"^service.toml: routes short-out and other both run"):
-        check_paths([path, other], "service.toml")
+    areas = divided(network, paths[0], shared)
+
+    assert shared == {
+        "hill": False,
+        "dale": False,
+        "neck": False,
+        "up1": True,
+        "up2": True,
+        "down": True,
+        "port": False,
+    }
+    # Over W1 and W2, from `up1` to `up2`, and over W3.
+    assert [(each.start_m, each.end_m) for each in areas.objects] == [
+        (80.0, 160.0),
+        (240.0, 260.0),
+        (340.0, 360.0),
+    ]
+    assert {100.0, 160.0, 260.0, 360.0} <= {each.start_m for each in areas.sections}
+
+
+def test_tracks_that_cross_are_shared(tmp_path: Path) -> None:
+    file = written(tmp_path, SCISSORS, SCISSORS_TRACKS)
+
+    assert shared_tracks([load_path(f"{file}:in2")]) == {"across1": True}
+
+
+@pytest.mark.parametrize(("stop_m", "fits"), [(75.0, True), (75.1, False), (89.9, False)])
+def test_a_trip_begins_before_the_signal(tmp_path: Path, stop_m: float, fits: bool) -> None:
+    stops = f"stop_up_m = {stop_m}\nstop_down_m = 20.0"
+    file = written(tmp_path, SHORT, {**SHORT_TRACKS, "south": (100.0, stops)})
+    network, trips = load_network(file), [(load_path(f"{file}:out"), "south")]
+
+    if fits:
+        check_starts(network, trips, "service.toml")
+        return
+    with pytest.raises(SettingsError, match=r"^service.toml: the trip over short-out begins at so"):
+        check_starts(network, trips, "service.toml")
 
 
 def test_trains_leave_and_enter_while_a_master_is_cut_off(file: str) -> None:
@@ -259,11 +384,8 @@ def test_trains_leave_and_enter_while_a_master_is_cut_off(file: str) -> None:
     first, second = shuttle.trains
 
     shuttle.run(14.0)
-    struck = shuttle.masters.choose(shuttle.now_ns)
+    struck = shuttle.strike()
     assert struck is not None
-    shuttle.masters.cut(struck.train)
-    shuttle.run(0.4)
-    shuttle.masters.heal()
     shuttle.run(17.0)
     # The first one has changed ends, and still stands in the siding.
     departed = shuttle.masters.paths["short-out"].departed
@@ -281,6 +403,61 @@ def test_trains_leave_and_enter_while_a_master_is_cut_off(file: str) -> None:
     assert None not in (first.end_m(), second.end_m())
     assert shuttle.between.violations == []
     assert shuttle.between.checked_count > 1000
+    assert first.brakes == second.brakes == 0
+
+
+def test_two_branches_join_one_after_the_other(branch: str) -> None:
+    shuttle = Shuttle(branch, (0.0, 0.0), (("hill_port",), ("dale_port",)))
+    first, second = shuttle.trains
+
+    # Both want the first track behind the junction, from 160 m to 260 m.
+    while first.front_m - LENGTH_M <= 260.0:
+        shuttle.run(0.5)
+        assert second.front_m < 80.0
+    shuttle.run(0.5)
+    assert second.routes is not None
+    assert second.routes.held
+    assert shuttle.between.violations == []
+    assert first.brakes == second.brakes == 0
+
+
+SERVICES: Final = (
+    ("hill_port", "port_hill"),
+    ("hill_port", "port_dale", "dale_port", "port_hill"),
+    ("dale_port", "port_dale"),
+    ("dale_port", "port_hill", "hill_port", "port_dale"),
+)
+
+
+@settings(max_examples=2, deadline=None)
+@given(
+    st.lists(st.sampled_from(SERVICES), min_size=2, max_size=2),
+    st.floats(0.0, 4.0),
+    st.floats(1.0, 8.0),
+)
+def test_no_two_trains_meet_whenever_a_master_is_cut_off(
+    branch: str, services: list[tuple[str, ...]], due_s: float, cut_s: float
+) -> None:
+    shuttle = Shuttle(branch, (0.0, due_s), services)
+    shuttle.run(cut_s)
+    shuttle.strike()
+    shuttle.run(3.0)
+
+    assert shuttle.between.violations == []
+    assert shuttle.trains[0].front_m > 50.0
+
+
+def test_trains_pass_a_crossing_one_after_the_other(tmp_path: Path) -> None:
+    file = written(tmp_path, SCISSORS, SCISSORS_TRACKS)
+    shuttle = Shuttle(file, (0.0, 0.0), (("in2",), ("out1",)))
+    first, second = shuttle.trains
+
+    shuttle.run(22.0)
+
+    # The rear of the first one has left the crossing track at 160 m, and the other one follows.
+    assert first.front_m - LENGTH_M > 160.0
+    assert second.front_m > 80.0
+    assert shuttle.between.violations == []
     assert first.brakes == second.brakes == 0
 
 
@@ -365,8 +542,7 @@ class Claims:
                 )
                 assert each.memory.state is ObjectState.LOCKED or not inside
             self.box.claimed[way.line.name] = claimed(
-                self.network,
-                way,
+                sections_of(self.network, way),
                 areas,
                 {n: e.memory.state for n, e in self.objects[number].items()},
             )

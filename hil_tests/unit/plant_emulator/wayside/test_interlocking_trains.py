@@ -6,6 +6,7 @@ from math import inf
 from pathlib import Path
 from typing import Final
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -20,6 +21,7 @@ from plant_emulator.wayside.interlocking import (
     SharedNetwork,
     SignalBox,
 )
+from plant_emulator.wayside.route_objects import shared_tracks
 from plant_emulator.wayside.separation import REAR_M, apart
 
 FERRY: Final = str(Path(__file__).resolve().parents[4] / "docs/examples/line/ferry.toml")
@@ -83,6 +85,82 @@ def test_a_train_follows_over_the_same_route_up_to_the_rear_ahead() -> None:
     # The route over W1 is locked for both, and the rear of the first is at 131.4 m.
     assert {each for each, _ in box.locked()} == {"one", "two"}
     assert second.inner.limit_m == 200.0 - LENGTH_M - REAR_M - 10.0
+
+
+JUNCTION: Final = str(Path(FERRY).parent / "branch.toml")
+
+
+def at_junction(box: SignalBox, name: str, route: str, front_m: float) -> Interlocking:
+    """A train on the branch line: the track `up1` lies from 300 m to 720 m."""
+    path = load_path(f"{JUNCTION}:{route}")
+    stretch = {"front_m": front_m, "rear_m": front_m - LENGTH_M}
+    routes = Interlocking(
+        box.network, path, to_m=1230.0, shared=SharedNetwork(box, name), **stretch
+    )
+    routes.keep(rear_m=front_m - LENGTH_M - REAR_M, end_m=front_m)
+    return routes
+
+
+@pytest.mark.parametrize(
+    ("ahead", "rear_m", "under_masters", "goes"),
+    [
+        ("hill_port", 719.9, True, False),
+        ("hill_port", 720.0, True, True),
+        ("hill_port", 719.9, False, True),
+        ("dale_port", 719.9, True, True),
+    ],
+)
+def test_trains_of_two_paths_are_never_on_one_shared_track(
+    ahead: str, rear_m: float, under_masters: bool, goes: bool
+) -> None:
+    box = SignalBox(load_network(JUNCTION))
+    if under_masters:
+        paths = [load_path(f"{JUNCTION}:{each.name}") for each in box.network.routes]
+        box.shared = shared_tracks(paths)
+    at_junction(box, "one", ahead, rear_m + LENGTH_M)
+    follows = at_junction(box, "two", "dale_port", 200.0)
+
+    follows.step(0, front_m=200.0, rear_m=200.0 - LENGTH_M)
+
+    assert bool(follows.held) is goes
+    # The first one is on `up2` in any case, which is a block of its own under masters.
+    tracks = {track for held in follows.held for track in held.tracks}
+    assert ("up2" in tracks) is (goes and (ahead == "dale_port" or not under_masters))
+
+
+@pytest.mark.parametrize(
+    ("other", "front_m", "waits"),
+    [
+        ("hill_port", 550.0, True),
+        ("dale_port", 550.0, False),
+        ("hill_port", 400.0, False),
+        # Its rear is just before or behind the signal at 700 m.
+        ("hill_port", 699.9 + LENGTH_M, True),
+        ("hill_port", 700.0 + LENGTH_M, False),
+    ],
+)
+def test_a_train_waits_behind_one_that_its_masters_do_not_know(
+    other: str, front_m: float, waits: bool
+) -> None:
+    box = SignalBox(load_network(JUNCTION))
+    box.shared = shared_tracks(load_path(f"{JUNCTION}:{each.name}") for each in box.network.routes)
+    at_junction(box, "one", other, front_m)
+    own = at_junction(box, "two", "dale_port", 470.0)
+
+    assert own.behind_unknown is waits
+    box.shared = {}
+    assert not own.behind_unknown
+
+
+def test_no_train_enters_on_a_shared_track_with_one_of_another_path() -> None:
+    box = SignalBox(load_network(JUNCTION))
+    path = load_path(f"{JUNCTION}:dale_port")
+    box.shared = shared_tracks([path, load_path(f"{JUNCTION}:hill_port")])
+    at_junction(box, "one", "hill_port", 700.0)
+
+    assert not box.has_room(path, front_m=450.0, rear_m=380.0)
+    box.shared = {}
+    assert box.has_room(path, front_m=450.0, rear_m=380.0)
 
 
 def test_only_one_train_goes_into_a_dead_end() -> None:
