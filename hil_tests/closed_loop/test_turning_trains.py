@@ -97,6 +97,8 @@ def test_a_train_waits_until_the_other_has_turned(tmp_path: Path) -> None:
     (waits,) = second.trips
     assert waits.left_s is not None
     assert waits.entered_s is None
+    assert waits.hindered
+    assert not came.hindered
     assert conductor.between.checked_count > 100
     assert conductor.between.violations == []
     assert first.brakes == second.brakes == []

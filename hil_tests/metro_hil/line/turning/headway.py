@@ -62,8 +62,8 @@ class Turnback:
     headways_s: tuple[float, ...]
     """Times between two trains that left the switch behind them."""
     occupied_s: tuple[float, ...]
-    """For each turn, the time from where the train needed the route until its rear released the
-    switch on its way out."""
+    """For each turn of a train that was not hindered before it, the time from where the train
+    needed the route until its rear released the switch on its way out."""
 
     @property
     def least_s(self) -> float:

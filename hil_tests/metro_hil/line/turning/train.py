@@ -54,7 +54,10 @@ class TripRecord:
     left_s: float | None = None
     """First movement."""
     entered_s: float | None = None
-    """When the train needed the route to its last stop, see `Entry`."""
+    """When the train needed the route to its last stop, see `Entry`, and had an authority for it."""
+    hindered: bool = False
+    """Whether it had none there, and so braked for the signal. Its turn then began later, and says
+    nothing about the least headway."""
     clear_s: float | None = None
     """When the rear was clear of the first switch."""
     ended_s: float | None = None
@@ -203,9 +206,11 @@ class TurningTrain:
                 self.brakes.append(brake)
         self._supervision = output.supervision
         entry = self._plan.trips[record.index].entry
-        if record.entered_s is None and entry is not None and self.place_m >= entry.brake_m:
-            # A train that waits there for the route has not entered yet.
-            record.entered_s = now_s if self.interlocking.limit_m > entry.signal_m else None
+        decided = record.hindered or record.entered_s is not None
+        if not decided and entry is not None and self.place_m >= entry.brake_m:
+            end_m = self.authority_end_m
+            record.hindered = end_m is None or end_m <= entry.signal_m
+            record.entered_s = None if record.hindered else now_s
         if record.clear_s is None and record.left_s is not None:
             first_m = self.interlocking.first_switch_m
             if self.interlocking.body.rear_m > first_m + CLEAR_M:
