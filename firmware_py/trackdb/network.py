@@ -156,6 +156,9 @@ class Track:
     evacuation_stops: tuple[TrackZone, ...] = ()
     """Places at which a train that is held for long stands, its front at the far end, with the same
     keys; `name` is needed."""
+    area_borders_m: tuple[float, ...] = ()
+    """Where areas of trains that command themselves end on this track, besides those at switches.
+    They are borders for all routes over the track, in both directions."""
 
     def __post_init__(self) -> None:
         if not self.name or any(each in self.name for each in " .:"):
@@ -204,6 +207,8 @@ class Track:
             )
 
     def _places(self) -> Iterator[tuple[str, float]]:
+        for border_m in self.area_borders_m:
+            yield "area_borders_m: a border", border_m
         for edge in self.platforms:
             yield f"platforms: {edge.station}", edge.start_m
             yield f"platforms: {edge.station}", edge.end_m

@@ -9,7 +9,7 @@ Pure.
 
 from bisect import bisect_right
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import Final
 
@@ -66,12 +66,17 @@ def shared_tracks(paths: Iterable[Path]) -> dict[str, bool]:
     }
 
 
+def area_borders_m(path: Path) -> list[float]:
+    """The borders that the tracks of a path name, by its chainage."""
+    return [leg.path_m(at_m) for leg in path.legs for at_m in leg.track.area_borders_m]
+
+
 def divided(network: TrackNetwork, path: Path, shared: Shared = NOT_SHARED) -> AreaMap:
     """Areas, axle sections and objects of a path, by its chainage.
 
-    A route is an object from its signal to its last switch, where its area ends. So every metre of
-    the path has one owner. A vehicle of another path can only be behind a switch or in a shared
-    track, where a section begins.
+    A route is an object from its signal to its last switch, where its area ends. Areas also end at
+    the borders that the tracks name. So every metre of the path has one owner. A vehicle of another
+    path can only be behind a switch or in a shared track, where a section begins.
     """
     routes = sections_of(network, path, shared)
     start_m, end_m = path.line.start_m, path.line.end_m
@@ -79,23 +84,23 @@ def divided(network: TrackNetwork, path: Path, shared: Shared = NOT_SHARED) -> A
         ObjectSite(number, ObjectKind.SWITCH, route.signal_m, route.last_m)
         for number, route in enumerate(routes, start=1)
     )
-    borders_m = (start_m, *(site.end_m for site in sites), end_m)
-    joints_m = [start_m, end_m]
+    borders_m = {start_m, *(site.end_m for site in sites), *area_borders_m(path), end_m}
+    joints_m = [*borders_m]
     for route in routes:
-        joints_m.append(route.last_m)
         inner_m = [route.first_m, *(each.at_m for each in route.crossings)]
         joints_m += [at_m for at_m in inner_m if route.last_m - at_m >= SECTION_MIN_M]
     areas = tuple(
-        Area(number, *ends_m) for number, ends_m in enumerate(pairwise(borders_m), start=1)
+        Area(number, *ends_m) for number, ends_m in enumerate(pairwise(sorted(borders_m)), start=1)
     )
     sections = sections_between(sorted(set(joints_m)), SECTION_M)
     return AreaMap(path.line.name, areas, sections, sites, APPLY_M)
 
 
-def check_starts(network: TrackNetwork, trips: Iterable[tuple[Path, str]], source: str) -> None:
-    """Raise SettingsError if a trip begins between a signal and the end of its route's object.
+def check_masters(network: TrackNetwork, trips: Iterable[tuple[Path, str]], source: str) -> None:
+    """Raise SettingsError for trips that masters cannot command.
 
-    A train there would need no locked object.
+    A trip must not begin between a signal and the end of its route's object, because the train
+    would need no locked object. Nor may an area end there.
 
     Args:
         trips: path and station of departure of each.
@@ -104,13 +109,30 @@ def check_starts(network: TrackNetwork, trips: Iterable[tuple[Path, str]], sourc
     shared = shared_tracks(path for path, _ in trips)
     for path, start in trips:
         stop_m = path.line.station(start).stop_m
-        for route in sections_of(network, path, shared):
+        routes = sections_of(network, path, shared)
+        for route in routes:
             if route.signal_m - AT_STOP_M < stop_m < route.last_m:
                 raise SettingsError(
                     f"{source}: the trip over {path.line.name} begins at {start}, "
                     f"{route.last_m - stop_m:.1f} m before a track or switch that its masters must "
                     f"lock first; let it begin at least {SIGNAL_M + AT_STOP_M:g} m before"
                 )
+        _check_borders(path, routes, source)
+
+
+def _check_borders(path: Path, routes: Sequence[RouteSection], source: str) -> None:
+    """Each border lies outside of all objects, and a section's length from all other ends."""
+    ends_m = [path.line.start_m, *(each.last_m for each in routes), path.line.end_m]
+    borders_m = sorted(area_borders_m(path))
+    for number, at_m in enumerate(borders_m):
+        near = any(abs(at_m - end_m) < SECTION_MIN_M for end_m in (*ends_m, *borders_m[:number]))
+        if near or any(each.signal_m <= at_m < each.last_m for each in routes):
+            place = path.to_track(at_m)
+            raise SettingsError(
+                f"{source}: track {place.track}: area_borders_m {place.at_m:g} is within "
+                f"{SECTION_MIN_M:g} m of an end of route {path.line.name} or another border, or "
+                "between a signal and its switch; move it"
+            )
 
 
 def truth_of(

@@ -39,7 +39,7 @@ from plant_emulator.faults.declared_process import ControllerKilled
 from plant_emulator.faults.fitting import check_commanded
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.wayside.interlocking import SharedNetwork, SignalBox
-from plant_emulator.wayside.route_objects import check_starts
+from plant_emulator.wayside.route_objects import check_masters
 from plant_emulator.world import TrainScenario
 from vobc.train_to_train.vocabulary import T2tConfig
 from zenoh_config.messages import MovementAuthority
@@ -169,7 +169,7 @@ class Fleet:
             raise SettingsError(f"{case.id}: {needs_switches(trains, case.setup.line)}")
         if case.setup.masters:
             departures = [(trip.path, trip.start) for trip in trips]
-            check_starts(first.scenario.tracks[0], departures, case.id)
+            check_masters(first.scenario.tracks[0], departures, case.id)
         self.plan = FleetPlan(
             first.scenario.tracks[0],
             first.config,

@@ -15,7 +15,7 @@ from metro_hil.run.lockstep import config_of, scenario_of
 from metro_hil.run.turnback import options_of, timed_journey, timed_scenario, trips_of
 from plant_emulator.traffic.member import SEEDS
 from plant_emulator.wayside.interlocking import sections_of
-from plant_emulator.wayside.route_objects import check_starts
+from plant_emulator.wayside.route_objects import check_masters
 from plant_emulator.world import TrainScenario
 from vobc.ato.settings.ato import AtoConfig
 from vobc.config import VobcConfig
@@ -122,7 +122,7 @@ def plan_fleet(options: RunOptions) -> FleetPlan:
         raise SettingsError(f"{options.service}: {needs_switches(trains, service.line)}")
     if options.masters:
         departures = [(each.trip.path, each.trip.start) for each in trips]
-        check_starts(tracks[0], departures, str(options.service))
+        check_masters(tracks[0], departures, str(options.service))
     return FleetPlan(
         tracks[0],
         config,

@@ -54,7 +54,7 @@ class TripRecord:
     left_s: float | None = None
     """First movement."""
     entered_s: float | None = None
-    """When the train needed the route to its last stop, see `Entry`, and had an authority for it."""
+    """When the train needed the route to its last stop, see `Entry`, and had the authority."""
     hindered: bool = False
     """Whether it had none there, and so braked for the signal. Its turn then began later, and says
     nothing about the least headway."""

@@ -29,7 +29,7 @@ from plant_emulator.wayside.interlocking import (
 )
 from plant_emulator.wayside.line_object import LineObject
 from plant_emulator.wayside.route_objects import (
-    check_starts,
+    check_masters,
     claimed,
     divided,
     shared_tracks,
@@ -360,6 +360,38 @@ def test_a_shared_track_begins_with_an_object(branch: str) -> None:
     assert {100.0, 160.0, 260.0, 360.0} <= {each.start_m for each in areas.sections}
 
 
+@pytest.mark.parametrize(
+    ("east_m", "areas"),
+    [
+        (60.0, [0.0, 100.0, 160.0, 270.0, 370.0]),
+        (25.0, [0.0, 100.0, 125.0, 270.0, 370.0]),
+        (24.9, None),
+        # The signal before W2 stands at 150 m.
+        (149.9, None),
+        (150.1, None),
+    ],
+)
+def test_tracks_name_borders_of_areas(
+    tmp_path: Path, east_m: float, areas: list[float] | None
+) -> None:
+    file = written(tmp_path, SHORT, SHORT_TRACKS)
+    network = Path(file).read_text(encoding="utf-8")
+    head = 'name = "east"\n'
+    Path(file).write_text(
+        network.replace(head, f"{head}area_borders_m = [{east_m}]\n"), encoding="utf-8"
+    )
+    trips = [(load_path(f"{file}:out"), "south")]
+
+    if areas is None:
+        with pytest.raises(SettingsError, match=r"^s.toml: track east: area_borders_m [0-9.]+ is"):
+            check_masters(load_network(file), trips, "s.toml")
+        return
+    check_masters(load_network(file), trips, "s.toml")
+    made = divided(load_network(file), trips[0][0])
+    assert [each.start_m for each in made.areas] + [made.end_m] == areas
+    assert set(areas[:-1]) <= {each.start_m for each in made.sections}
+
+
 def test_tracks_that_cross_are_shared(tmp_path: Path) -> None:
     file = written(tmp_path, SCISSORS, SCISSORS_TRACKS)
 
@@ -373,10 +405,10 @@ def test_a_trip_begins_before_the_signal(tmp_path: Path, stop_m: float, fits: bo
     network, trips = load_network(file), [(load_path(f"{file}:out"), "south")]
 
     if fits:
-        check_starts(network, trips, "service.toml")
+        check_masters(network, trips, "service.toml")
         return
     with pytest.raises(SettingsError, match=r"^service.toml: the trip over short-out begins at so"):
-        check_starts(network, trips, "service.toml")
+        check_masters(network, trips, "service.toml")
 
 
 def test_trains_leave_and_enter_while_a_master_is_cut_off(file: str) -> None:
