@@ -1,17 +1,17 @@
 """Compiles small numeric functions with numba where it is installed (the extra `compiled`).
 
 Without numba the same functions run uncompiled, about fifty times slower and with the same results.
-What is compiled is kept in the user's cache until a source of the packages below changes.
+What is compiled is kept in the user's cache until the function changes, or a function or constant
+that it reaches.
 """
 
 import hashlib
 import importlib
 import importlib.util
 import sys
-from collections.abc import Callable
-from functools import cache
+from collections.abc import Callable, Iterator, Mapping, Set
 from pathlib import Path
-from types import FunctionType, ModuleType
+from types import CodeType, FunctionType, ModuleType
 from typing import Any, Final, TypeVar
 
 from firmware_py.native.build import cache_folder
@@ -28,8 +28,8 @@ def _has_numba() -> bool:
 
 
 COMPILED: Final = _has_numba()
-CALLED: Final = ("plant_emulator", "vobc")
-"""Packages whose functions a compiled function may call, besides those of its own package."""
+OURS: Final = frozenset({"metro_hil", "plant_emulator", "vobc"})
+"""Packages whose functions and constants a compiled function may reach."""
 
 
 def kernel(function: F, *, parallel: bool = False) -> F:
@@ -41,7 +41,7 @@ def kernel(function: F, *, parallel: bool = False) -> F:
     if not COMPILED:
         return function
     numba = importlib.import_module("numba")
-    folder = _kept(function.__module__.partition(".")[0])
+    folder = _kept(function)
     before = numba.config.CACHE_DIR
     # numba reads this where the function is decorated. By itself it would put what it compiles
     # beside the sources, and would not notice changes in functions of other files.
@@ -55,22 +55,68 @@ def kernel(function: F, *, parallel: bool = False) -> F:
     return compiled
 
 
-@cache
-def _kept(package: str) -> str:
-    """The folder for what is compiled from the present sources; empty without a cache."""
+def _kept(function: Callable[..., Any]) -> str:
+    """The folder for what is compiled from a function as it is now; empty without a cache."""
     digest = hashlib.sha256()
-    for name in sorted({package, *CALLED}):
-        spec = importlib.util.find_spec(name)
-        for place in (spec.submodule_search_locations or ()) if spec is not None else ():
-            for path in sorted(Path(place).rglob("*.py")):
-                digest.update(f"{name}/{path.relative_to(place)}\0".encode())
-                digest.update(hashlib.sha256(path.read_bytes()).digest())
     try:
+        for line in _reached(function, set()):
+            digest.update(f"{line}\0".encode())
         folder = cache_folder() / "numba" / digest.hexdigest()[:24]
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
+    except (OSError, TypeError):
         return ""
     return str(folder)
+
+
+def _reached(value: Any, done: set[object]) -> Iterator[str]:
+    """Describe a value and all that the code of a function reaches by name, across modules.
+
+    Raises TypeError for a value that may change without notice here, such as an array.
+    """
+    value = getattr(value, "py_func", value)
+    if isinstance(value, FunctionType):
+        if id(value) not in done:
+            done.add(id(value))
+            yield from _reached_by(value, done)
+    elif value is None or isinstance(value, bool | int | float | str):
+        yield repr(value)
+    elif isinstance(value, tuple):
+        for each in value:
+            yield from _reached(each, done)
+    else:
+        module, name = getattr(value, "__module__", ""), getattr(value, "__qualname__", "")
+        if not name or module.partition(".")[0] in OURS:
+            raise TypeError(value)
+        yield f"{module}.{name}"
+
+
+def _reached_by(function: FunctionType, done: set[object]) -> Iterator[str]:
+    codes, names = [function.__code__], set[str]()
+    for code in codes:
+        codes += [each for each in code.co_consts if isinstance(each, CodeType)]
+        names.update(code.co_names)
+        yield f"{function.__qualname__} {code.co_code!r} {code.co_names} {code.co_varnames}"
+        yield repr([each for each in code.co_consts if not isinstance(each, CodeType)])
+    named = tuple((function.__kwdefaults__ or {}).items())
+    yield from _reached((function.__defaults__, named), done)
+    for cell in function.__closure__ or ():
+        yield from _reached(cell.cell_contents, done)
+    yield from _named(names, function.__globals__, done)
+
+
+def _named(names: Set[str], place: Mapping[str, Any], done: set[object]) -> Iterator[str]:
+    """Describe the values with these names, and in modules of the project theirs."""
+    for name in sorted(names & place.keys()):
+        value = place[name]
+        if not isinstance(value, ModuleType):
+            yield name
+            yield from _reached(value, done)
+            continue
+        yield f"{name} {value.__name__}"
+        visit = id(value), frozenset(names)
+        if value.__name__.partition(".")[0] in OURS and visit not in done:
+            done.add(visit)
+            yield from _named(names, vars(value), done)
 
 
 def jitted(module: ModuleType) -> Any:
