@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from typing import Final, Protocol
 
 import numpy as np
-from scipy.stats import beta, t
 
 from metro_hil.energy.line.kernel import RUNS
 from metro_hil.energy.line.model import (
@@ -160,6 +159,8 @@ def paired(base: Sequence[Metered], other: Sequence[Metered]) -> Estimate:
     )
     if len(changes) < 2:
         return Estimate(float(changes[0]), None)
+    from scipy.stats import t
+
     spread = float(np.std(changes, ddof=1)) / float(np.sqrt(len(changes)))
     half = float(t.ppf(0.5 + CONFIDENCE / 2.0, len(changes) - 1)) * spread
     return Estimate(float(np.mean(changes)), half)
@@ -169,4 +170,6 @@ def share_at_least(hits: int, tries: int) -> float:
     """Return the one-sided lower bound of a share after Clopper and Pearson."""
     if hits == 0:
         return 0.0
+    from scipy.stats import beta
+
     return float(beta.ppf(1.0 - CONFIDENCE, hits, tries - hits + 1))

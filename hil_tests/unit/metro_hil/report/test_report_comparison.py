@@ -8,9 +8,9 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
+import scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import stats
 
 from metro_hil.model.case import Case, CaseResult, Setup, Verdict
 from metro_hil.report.comparison import (
@@ -58,8 +58,8 @@ def p_of(differences: list[float]) -> float:
     pairs."""
     sizes = np.abs(differences)
     if len(set(sizes.tolist())) == len(sizes):
-        return float(stats.wilcoxon(differences, method="exact").pvalue)
-    ranks = stats.rankdata(sizes)
+        return float(scipy.stats.wilcoxon(differences, method="exact").pvalue)
+    ranks = scipy.stats.rankdata(sizes)
     rose = ranks[np.array(differences) > 0.0].sum()
     signs = np.array(list(itertools.product((0.0, 1.0), repeat=len(sizes))))
     sums = signs @ ranks
@@ -90,7 +90,7 @@ def test_p_of_many_pairs_equals_that_of_scipy() -> None:
 
     shift = only_shift([0.0] * 80, differences.tolist())
 
-    assert shift.p_ratio == pytest.approx(stats.wilcoxon(differences).pvalue)
+    assert shift.p_ratio == pytest.approx(scipy.stats.wilcoxon(differences).pvalue)
 
 
 @settings(max_examples=30, deadline=None)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from metro_hil.model.case import Case, CaseResult, MonitorResult, Setup, Verdict
 from metro_hil.report.comparison import MeasureTrend
@@ -102,7 +102,7 @@ def test_the_number_of_needed_pairs_equals_that_of_the_guide(tests: int, pairs: 
 def test_the_least_p_equals_that_of_scipy_for_differences_in_one_direction(
     differences: int,
 ) -> None:
-    p_ratio = stats.wilcoxon(np.arange(1.0, differences + 1.0), method="exact").pvalue
+    p_ratio = scipy.stats.wilcoxon(np.arange(1.0, differences + 1.0), method="exact").pvalue
 
     assert least_p_ratio(differences) == pytest.approx(p_ratio)
 
@@ -114,7 +114,7 @@ def test_four_of_five_comparisons_find_the_detectable_shift(pairs: int, tests: i
     assert shift_sd is not None
     drawn = np.random.default_rng(7).normal(shift_sd, 1.0, (600, pairs))
 
-    p_ratios = stats.wilcoxon(drawn, axis=1, method="approx").pvalue
+    p_ratios = scipy.stats.wilcoxon(drawn, axis=1, method="approx").pvalue
 
     assert np.mean(p_ratios < 0.05 / tests) == pytest.approx(0.8, abs=0.06)
 

@@ -16,7 +16,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from scipy import stats
+import scipy
 
 from metro_hil.model.case import (
     Case,
@@ -102,8 +102,8 @@ def test_the_summary_holds_figures_computed_independently(
     # Clopper–Pearson by its definition with the beta distribution.
     share = summary["totals"]["as_expected_share"]
     k, n = len(good), 210
-    assert share["low"] == pytest.approx(stats.beta.ppf(0.025, k, n - k + 1), rel=1e-5)
-    assert share["high"] == pytest.approx(stats.beta.ppf(0.975, k + 1, n - k), rel=1e-5)
+    assert share["low"] == pytest.approx(scipy.stats.beta.ppf(0.025, k, n - k + 1), rel=1e-5)
+    assert share["high"] == pytest.approx(scipy.stats.beta.ppf(0.975, k + 1, n - k), rel=1e-5)
     stop = next(m for m in summary["monitors"] if m["name"] == "stops within 10 cm")
     margins = [0.10 - r.measures["stop_error_worst_m"] for r in made.results]
     assert stop["margin_least"]["margin"] == pytest.approx(min(margins), rel=1e-5)
