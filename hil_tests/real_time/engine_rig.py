@@ -1,5 +1,6 @@
 """A campaign of invented cases on real worker processes, for tests of the engine."""
 
+import atexit
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
@@ -8,7 +9,7 @@ import msgspec
 
 from metro_hil.engine.folder import CampaignFolder, CampaignPlan, make_folder
 from metro_hil.engine.journal import without_host
-from metro_hil.engine.local_pool import LocalPool
+from metro_hil.engine.local_pool import LocalPool, PoolServer
 from metro_hil.engine.progress import Silent
 from metro_hil.engine.run_campaign import CampaignEnd, CampaignOptions, run_campaign
 from metro_hil.engine.stopping import StopWish
@@ -17,6 +18,9 @@ from metro_hil.engine.worker_pool import WorkerPool
 from metro_hil.model.case import Case, CaseResult
 
 RUNNER: Final = "metro_hil.engine.trial_runner:run_case"
+SERVER: Final = PoolServer(RUNNER)
+"""Forks the workers of all tests; a server of its own for each test would import all once more."""
+atexit.register(SERVER.close)
 NOTHING_KEPT: Final = CampaignOptions(keep=0, keep_worst=0)
 
 
@@ -56,7 +60,7 @@ def folder_of(cases: Sequence[Case], root: Path, **files: str) -> CampaignFolder
 def local(
     folder: CampaignFolder, workers: int = 2, timeout_s: float | None = None
 ) -> Callable[[], LocalPool]:
-    return lambda: LocalPool(workers, folder.files(), runner=RUNNER, case_timeout_s=timeout_s)
+    return lambda: LocalPool(workers, folder.files(), case_timeout_s=timeout_s, server=SERVER)
 
 
 def work(
