@@ -35,6 +35,9 @@ OTHER_SIDE: Final = {
     PlatformSide.BOTH: PlatformSide.BOTH,
     PlatformSide.NONE: PlatformSide.NONE,
 }
+CHAINAGE_DIGITS: Final = 6
+"""Decimals of a chainage in metres on the map of a path. A survey is coarser than a micrometre.
+Without rounding, a line and its mirrored copy differ by what the sums of chainages round off."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +60,7 @@ class Leg:
     @property
     def to_m(self) -> float:
         """Chainage of the path where the next leg begins."""
-        return self.from_m + (self.track.end_m - self.track.start_m)
+        return round(self.from_m + (self.track.end_m - self.track.start_m), CHAINAGE_DIGITS)
 
     def path_m(self, at_m: float) -> float:
         """Chainage of the path at a chainage of the track."""
@@ -71,9 +74,13 @@ class Leg:
             return path_m - (self.from_m - self.track.start_m)
         return (self.from_m + self.track.end_m) - path_m
 
+    def site_m(self, at_m: float) -> float:
+        """Chainage on the map of the path of a fixed place of the track."""
+        return round(self.path_m(at_m), CHAINAGE_DIGITS)
+
     def section_m(self, start_m: float, end_m: float) -> tuple[float, float]:
-        """Both ends of a section of the track, in the order of the path."""
-        one_m, other_m = self.path_m(start_m), self.path_m(end_m)
+        """Both ends of a section of the track on the map of the path, in its order."""
+        one_m, other_m = self.site_m(start_m), self.site_m(end_m)
         return min(one_m, other_m), max(one_m, other_m)
 
 
@@ -156,14 +163,14 @@ def _station(leg: Leg, edge: PlatformEdge, stop_m: float) -> Station:
     short = edge.short_up if up else edge.short_down
     return Station(
         name=edge.station,
-        stop_m=leg.path_m(stop_m),
+        stop_m=leg.site_m(stop_m),
         platform_start_m=start_m,
         platform_end_m=end_m,
         side=edge.side if up else OTHER_SIDE[edge.side],
         dwell_s=edge.dwell_s,
         platform_doors=edge.platform_doors,
         run_s=edge.run_up_s if up else edge.run_down_s,
-        short_stops=tuple(replace(each, stop_m=leg.path_m(each.stop_m)) for each in short),
+        short_stops=tuple(replace(each, stop_m=leg.site_m(each.stop_m)) for each in short),
     )
 
 
@@ -218,7 +225,7 @@ def _zones(legs: Sequence[Leg], of_legs: Sequence[Sequence[TrackZone]]) -> tuple
 def _tags(legs: Sequence[Leg]) -> Iterator[TagSite]:
     for leg in legs:
         for tag in leg.track.tags:
-            at_m = leg.path_m(tag.position_m)
+            at_m = leg.site_m(tag.position_m)
             if tag.direction.serves(leg.running) and tag.kind is not TagKind.BALISE:
                 yield TagSite(tag.tag_id, at_m, tag.kind, tag.station)
             else:

@@ -21,7 +21,7 @@ from firmware_py.trackdb.network import (
     TrackZone,
 )
 from firmware_py.trackdb.one_track import network_of
-from firmware_py.trackdb.paths import OTHER_SIDE, make_path
+from firmware_py.trackdb.paths import CHAINAGE_DIGITS, OTHER_SIDE, make_path
 from firmware_py.trackdb.sites import CurveSection, GradientSection
 from metro_hil.metrics.case import MemoryLog
 from metro_hil.metrics.stops import measure_stops
@@ -116,8 +116,7 @@ def flipped(track: Track) -> Track:
     """The same track with its chainage counted from the other end, written part by part."""
 
     def at(value_m: float) -> float:
-        # Limits must meet, so what the sum rounds is rounded off.
-        return round(track.start_m + track.end_m - value_m, 6)
+        return round(track.start_m + track.end_m - value_m, CHAINAGE_DIGITS)
 
     def turned(serves: Serves) -> Serves:
         return {Serves.UP: Serves.DOWN, Serves.DOWN: Serves.UP}.get(serves, serves)
