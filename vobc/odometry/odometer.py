@@ -304,12 +304,13 @@ class Odometry:
         )
 
     def _one_axle_slips(self) -> bool:
-        """Whether slip shows only as a difference between two axles of a train that brakes or
-        stands, and both count pulses.
+        """Whether slip shows only as a difference between two axles that both count pulses, of a
+        train that stands, brakes or hardly accelerates.
         """
         agrees = self._time.now_s - self._against_s >= self._config.slip_hold_s
-        brakes = self._track.accel_pulses_per_s2 <= 0.0
-        return agrees and brakes and self._pulses.paired and not self._wheels_out
+        accel_mps2 = self._track.accel_pulses_per_s2 * self._where.m_per_pulse
+        pulls = accel_mps2 > self._config.gentle_mps2
+        return agrees and not pulls and self._pulses.paired and not self._wheels_out
 
     def _by_gripping_wheels(
         self, least_m: float, most_m: float, wheels: Interval

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hil_tests.unit.vobc.odometry.odometry_desk import Desk, near
+from hil_tests.unit.vobc.odometry.odometry_desk import CONFIG, Desk, near
 from vobc.vocabulary import Interval
 
 
@@ -30,21 +30,23 @@ def test_wheels_that_contradicted_the_ground_count_again_a_second_later() -> Non
 
 
 @pytest.mark.parametrize(
-    ("accel", "paired", "out", "against_s", "slips"),
+    ("accel_mps2", "paired", "out", "against_s", "slips"),
     [
         (0.0, True, False, 1.0, True),
-        (1e-9, True, False, 1.0, False),
+        (-2.0, True, False, 1.0, True),
+        (CONFIG.gentle_mps2, True, False, 1.0, True),
+        (CONFIG.gentle_mps2 + 1e-9, True, False, 1.0, False),
         (0.0, False, False, 1.0, False),
         (0.0, True, True, 1.0, False),
         (0.0, True, False, 0.999, False),
     ],
 )
 def test_one_axle_slips_if_both_count_and_agreed_with_the_ground_for_a_second(
-    accel: float, paired: bool, out: bool, against_s: float, slips: bool
+    accel_mps2: float, paired: bool, out: bool, against_s: float, slips: bool
 ) -> None:
     odometry = Desk().odometry
     odometry._time.now_s, odometry._against_s = 5.0, 5.0 - against_s
-    odometry._track.accel_pulses_per_s2 = accel
+    odometry._track.accel_pulses_per_s2 = accel_mps2 / odometry._where.m_per_pulse
     odometry._pulses.paired, odometry._wheels_out = paired, out
 
     assert odometry._one_axle_slips() is slips

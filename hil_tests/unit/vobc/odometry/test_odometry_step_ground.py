@@ -259,21 +259,20 @@ def test_axles_that_disagree_bound_the_ground_together_where_the_radar_is_blind(
 ) -> None:
     """Tacho B leads by so many pulses of 1 cm, and either axle may slip by 8 %."""
     made = going()
-    assert made.moved(8, 8, steps_b=(8, 8 + lead)) == CARRIED_M
-    assert made.odometry._slip
-    made.over_ground(3.9, 4.1)
-    made.track.accel_pulses_per_s2 = -1e-9
     longest = 1.08 * made.where.scale.declared_m[1] / 0.01
-    low_m, high_m = made.moved(tacho_age_s=0.04)
+    low_m, high_m = made.moved(8, 8, steps_b=(8, 8 + lead))
+    assert made.odometry._slip
     way_m = made.wheels()[1] * CYCLE_S
     assert (low_m, high_m) == near(
         0.92 * way_m - back_m * longest, 1.08 * way_m + ahead_m * longest
     )
-    assert made.moved(tacho_age_s=0.04) == near(0.92 * way_m, 1.08 * way_m)
+    later = made.moved(tacho_age_s=0.04)
+    way_m = made.wheels()[1] * CYCLE_S
+    assert later == near(0.92 * way_m, 1.08 * way_m)
 
 
 @pytest.mark.parametrize(
-    "why", ["fast", "sets off", "against the ground", "direction", "one axle", "jump"]
+    "why", ["fast", "pulls", "against the ground", "direction", "one axle", "jump"]
 )
 def test_axles_that_disagree_are_no_evidence_where_more_is_wrong(why: str) -> None:
     made = going(doppler_blind_mps=1.0 if why == "fast" else 5.0)
@@ -288,8 +287,8 @@ def test_axles_that_disagree_are_no_evidence_where_more_is_wrong(why: str) -> No
         made.cycle(8, 8, way=Direction.REVERSE)
     elif why == "one axle":
         heard["healthy"] = (True, False)
-    elif why == "sets off":
-        made.track.accel_pulses_per_s2 = 1.0
+    elif why == "pulls":
+        made.track.accel_pulses_per_s2 = 46.0
         heard["tacho_age_s"] = 0.04
     elif why == "jump":
         made.odometry._wheels_out = True
