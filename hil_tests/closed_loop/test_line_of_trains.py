@@ -24,12 +24,12 @@ def test_the_number_of_processes_changes_no_byte(tmp_path: Path) -> None:
 
     assert here.reports == there.reports
     assert here.rows == there.rows
-    assert here.unconverged == there.unconverged == 0
+    assert here.coupling.network.unconverged == there.coupling.network.unconverged == 0
     assert len({report.frame_chain for report in here.reports}) == 3
     assert all((folder / "bus.log").stat().st_size > 10_000 for folder in folders)
-    metered_j = sum(report.drawn_j - report.returned_j for report in here.reports)
+    metered_j = sum(each.energy.drawn_j - each.energy.returned_j for each in here.reports)
     assert metered_j > 0.0
-    assert abs(metered_j / here.books.trains_j - 1.0) < 1e-9
+    assert abs(metered_j / here.coupling.books.trains_j - 1.0) < 1e-9
 
 
 def test_the_bus_reports_the_voltage_at_the_pantograph(tmp_path: Path) -> None:

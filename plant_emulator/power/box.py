@@ -75,6 +75,7 @@ class HighVoltageBox:
         "electric_limit_w",
         "heat_j",
         "live",
+        "lowest_v",
         "networked",
         "receptive",
         "resistor_j",
@@ -119,6 +120,8 @@ class HighVoltageBox:
         self._isolated = False
         self._source_v: float | None = None
         self._on_network = False
+        self.lowest_v = inf
+        """Lowest voltage of a network that has fed the train."""
         self.networked = False
         """A line's network feeds the train unless a fault connects another source."""
         self._wished_j = self._pulled_j = self._braked_j = self._rest_j = 0.0
@@ -289,6 +292,7 @@ class HighVoltageBox:
         self.resistor_j += chopped_j
         self.heat_j += chopped_j
         self.voltage_v = voltage_v
+        self.lowest_v = min(self.lowest_v, voltage_v)
         self.current_a = net_j / interval_s / voltage_v
         if not self.live:
             return

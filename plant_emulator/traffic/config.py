@@ -11,8 +11,7 @@ from typing import Final
 
 from firmware_py import settings
 from firmware_py.trackdb import LineMap, load_line
-from plant_emulator.power.network import NetworkError
-from plant_emulator.power.supplies import Supply, load_supply
+from plant_emulator.power.supplies import Supply, check_feeds, load_supply
 
 PACKAGE: Final = "plant_emulator.traffic"
 PLACE_STEP_M: Final = 25.0
@@ -178,14 +177,6 @@ def plan_traffic(
     highest_m = config.lap_m if config.circular else track.stations[-1].stop_m
     lowest_m = 0.0 if config.circular else track.stations[0].stop_m
     steps = max(1, math.ceil((highest_m - lowest_m) / PLACE_STEP_M))
-    grid = network.network()
-    for step in range(steps + 1):
-        at_m = lowest_m + (highest_m - lowest_m) * step / steps
-        try:
-            grid.section_of(config.place_m(at_m))
-        except NetworkError as error:
-            raise settings.SettingsError(
-                f"supply {source}: sections: {error}, but {track.name} has track there; they "
-                "must reach along the whole line"
-            ) from error
+    spaced_m = (lowest_m + (highest_m - lowest_m) * step / steps for step in range(steps + 1))
+    check_feeds(network, source, ((track.name, config.place_m(at_m)) for at_m in spaced_m))
     return config, track, network

@@ -1,7 +1,7 @@
 """Couples the trains of a line: the DC network, and authorities behind the leader.
 
-Once an interval each train reports its power demand and its rear. It receives its voltage and the
-rear of the train ahead.
+Once an interval each train reports its power demand. It receives its voltage. On a line in one
+direction it also reports its rear, and receives that of the train ahead.
 """
 
 import math
@@ -58,6 +58,11 @@ class Books:
         self.lowest_v, self.highest_v = 1.0e9, 0.0
 
     @property
+    def lost_j(self) -> float:
+        """Energy that became heat in substations, storages, feeders and rails."""
+        return self.rectifiers_j + self.stations_j + self.lines_j
+
+    @property
     def closure_ratio(self) -> float:
         """Energy of the sources minus all consumption, divided by the energy from the grid."""
         became_j = self.rectifiers_j + self.stations_j + self.lines_j + self.trains_j
@@ -65,14 +70,63 @@ class Books:
         return (given_j - became_j) / max(1.0, self.sources_j + self.returned_j)
 
 
-class Coupling:
-    """Coupling of all trains of a line, the foremost first."""
+class TrainFeed(NamedTuple):
+    """What the network gives one train, valid from now on."""
 
-    def __init__(self, config: TrafficConfig, supply: Supply) -> None:
+    voltage_v: float
+    current_a: float
+    """Current from the line; negative while the train feeds back."""
+    chopped_ratio: float
+    """Share of the regenerated power that goes into the train's own resistor."""
+    effort_ratio: float
+    """Share of the tractive effort that the voltage permits."""
+
+
+class PowerCoupling:
+    """The DC network of all trains and its books, solved once an interval."""
+
+    def __init__(self, supply: Supply) -> None:
         self.network = supply.network()
         self.books = Books()
         self.substations_w: tuple[float, ...] = ()
         """Power of each substation in the last interval."""
+
+    def feed(self, loads: Sequence[Load]) -> list[TrainFeed]:
+        """Solve one interval with the mean powers of all trains; results in their order."""
+        fed, balance = self.network.solve(loads)
+        self._book(loads, balance)
+        self.substations_w = self.network.delivered_w()
+        self.network.advance(INTERVAL_S)
+        limits, books, found = self.network.limits, self.books, []
+        for each in fed:
+            volts = each.voltage_v
+            effort, _ = flow.effort_share(volts, limits)
+            chopped, _ = flow.chopped_share(volts, limits)
+            books.lowest_v = min(books.lowest_v, volts)
+            books.highest_v = max(books.highest_v, volts)
+            books.traction_j += each.traction_w * INTERVAL_S
+            books.regenerated_j += each.regenerated_w * INTERVAL_S
+            books.resistor_j += each.resistor_w * INTERVAL_S
+            found.append(TrainFeed(volts, each.current_a, chopped, effort))
+        return found
+
+    def _book(self, loads: Sequence[Load], balance: Balance) -> None:
+        books = self.books
+        books.sources_j += balance.sources_w * INTERVAL_S
+        books.rectifiers_j += balance.rectifiers_w * INTERVAL_S
+        books.stations_j += balance.stations_w * INTERVAL_S
+        books.lines_j += balance.lines_w * INTERVAL_S
+        books.trains_j += balance.trains_w * INTERVAL_S
+        books.returned_j += balance.returned_w * INTERVAL_S
+        books.storages_j += balance.storages_w * INTERVAL_S
+        books.auxiliary_j += sum(load.auxiliary_w for load in loads) * INTERVAL_S
+
+
+class Coupling(PowerCoupling):
+    """Coupling of all trains of a line in one direction, the foremost first."""
+
+    def __init__(self, config: TrafficConfig, supply: Supply) -> None:
+        super().__init__(supply)
         self._config = config
 
     def answers(self, said: Sequence[IntervalReport]) -> list[CouplingAnswer]:
@@ -86,25 +140,10 @@ class Coupling:
             )
             for each in said
         ]
-        fed, balance = self.network.solve(loads)
-        self._book(loads, balance)
-        self.substations_w = self.network.delivered_w()
-        self.network.advance(INTERVAL_S)
-        limits, found = self.network.limits, []
-        for train, each in enumerate(fed):
-            effort, _ = flow.effort_share(each.voltage_v, limits)
-            chopped, _ = flow.chopped_share(each.voltage_v, limits)
-            books, volts = self.books, each.voltage_v
-            books.lowest_v, books.highest_v = (
-                min(books.lowest_v, volts),
-                max(books.highest_v, volts),
-            )
-            books.traction_j += each.traction_w * INTERVAL_S
-            books.regenerated_j += each.regenerated_w * INTERVAL_S
-            books.resistor_j += each.resistor_w * INTERVAL_S
-            rear_m = self._leader_rear_m(train, said)
-            found.append(CouplingAnswer(volts, each.current_a, chopped, effort, rear_m))
-        return found
+        return [
+            CouplingAnswer(*feed, self._leader_rear_m(train, said))
+            for train, feed in enumerate(self.feed(loads))
+        ]
 
     def _leader_rear_m(self, train: int, said: Sequence[IntervalReport]) -> float:
         """Return the rear of the train ahead.
@@ -115,14 +154,3 @@ class Coupling:
         if train == 0 and not self._config.circular:
             return CLEAR_M
         return math.floor(behind_m / REAR_STEP_M) * REAR_STEP_M
-
-    def _book(self, loads: Sequence[Load], balance: Balance) -> None:
-        books = self.books
-        books.sources_j += balance.sources_w * INTERVAL_S
-        books.rectifiers_j += balance.rectifiers_w * INTERVAL_S
-        books.stations_j += balance.stations_w * INTERVAL_S
-        books.lines_j += balance.lines_w * INTERVAL_S
-        books.trains_j += balance.trains_w * INTERVAL_S
-        books.returned_j += balance.returned_w * INTERVAL_S
-        books.storages_j += balance.storages_w * INTERVAL_S
-        books.auxiliary_j += sum(load.auxiliary_w for load in loads) * INTERVAL_S

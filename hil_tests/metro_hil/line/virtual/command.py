@@ -13,6 +13,7 @@ from firmware_py.clock.clock import WallClock
 from firmware_py.interrupts import Interrupts
 from firmware_py.storage.recorder import loss_text
 from firmware_py.storage.whole_file import write_whole
+from metro_hil.line.energy import COLUMNS, cells_of, keys_of_network, keys_of_train, summary_of
 from metro_hil.line.virtual.coordinator import LineRecord, TrainDiedError, conduct
 from metro_hil.line.virtual.member import LinePlan, VirtualTrainReport, plan_line
 from metro_hil.model.end_condition import DURATION, INTERRUPTED
@@ -25,11 +26,9 @@ from metro_hil.model.run_options import (
     RunOptions,
 )
 
-J_PER_KWH: Final = 3.6e6
 DURATION_S: Final = 1260.0
 """Duration of one lap."""
 ON_TIME_S: Final = 2.0
-PERCENT: Final = 100.0
 
 
 def run(options: RunOptions, console: Console) -> int:
@@ -89,7 +88,7 @@ def run(options: RunOptions, console: Console) -> int:
         return EXIT_ENVIRONMENT
     if interrupts.asked:
         return EXIT_INTERRUPTED
-    sound = not document["emergencies"] and not record.unconverged
+    sound = not document["emergencies"] and not document["unconverged"]
     return EXIT_OK if sound else EXIT_FAILED
 
 
@@ -109,10 +108,9 @@ def _train_folder(path: Path, plan: LinePlan, index: int, logs: bool) -> Path | 
 
 def as_document(plan: LinePlan, record: LineRecord, exit_reason: str) -> dict[str, Any]:
     """Return the results for JSON, equal for equal seeds on any machine."""
-    books = record.books
+    energies = [report.energy for report in record.reports]
     runs = [run for report in record.reports for run in report.runs]
     on_time = [abs(run.late_s) <= ON_TIME_S for run in runs]
-    used_j = books.regenerated_j - books.resistor_j
     return {
         "line": plan.line.name,
         "trains": len(plan.starts),
@@ -121,21 +119,7 @@ def as_document(plan: LinePlan, record: LineRecord, exit_reason: str) -> dict[st
         "seed": plan.seed,
         "exit_reason": exit_reason,
         "duration_s": record.duration_s,
-        "actual_kwh": books.sources_j / J_PER_KWH,
-        "returned_kwh": books.returned_j / J_PER_KWH,
-        "storages_kwh": books.storages_j / J_PER_KWH,
-        "overall_kwh": (books.sources_j + used_j) / J_PER_KWH,
-        "traction_kwh": books.traction_j / J_PER_KWH,
-        "auxiliary_kwh": books.auxiliary_j / J_PER_KWH,
-        "regenerated_kwh": books.regenerated_j / J_PER_KWH,
-        "resistor_kwh": books.resistor_j / J_PER_KWH,
-        "use_ratio": used_j / max(1.0, books.traction_j),
-        "lowest_v": books.lowest_v,
-        "highest_v": books.highest_v,
-        "closure_ratio": books.closure_ratio,
-        "metered_ratio": _metered_ratio(record),
-        "unconverged": record.unconverged,
-        "solved": record.solved,
+        **keys_of_network(record.coupling, energies),
         "runs": len(runs),
         "on_time_ratio": sum(on_time) / max(1, len(on_time)),
         "worst_late_s": max((abs(run.late_s) for run in runs), default=0.0),
@@ -146,28 +130,20 @@ def as_document(plan: LinePlan, record: LineRecord, exit_reason: str) -> dict[st
     }
 
 
-def _metered_ratio(record: LineRecord) -> float:
-    """Return the relative difference between the trains' own energy meters and the network's."""
-    metered_j = sum(report.drawn_j - report.returned_j for report in record.reports)
-    return (metered_j - record.books.trains_j) / max(1.0, abs(record.books.trains_j))
-
-
 def _of_train(report: VirtualTrainReport) -> dict[str, Any]:
     return {
         "train": report.train,
         "frames": report.frames,
         "frame_chain": report.frame_chain,
         "emergencies": report.emergencies,
-        "drawn_kwh": report.drawn_j / J_PER_KWH,
-        "returned_kwh": report.returned_j / J_PER_KWH,
-        "resistor_kwh": report.resistor_j / J_PER_KWH,
+        **keys_of_train(report.energy),
         "lost_log_lines": report.lost_log_lines,
         "runs": [plain(run._asdict()) for run in report.runs],
     }
 
 
 def _show(console: Console, record: LineRecord, document: dict[str, Any], factor: float) -> None:
-    table = Table("train", "stops", "worst stop", "worst run", "drawn", "returned", "resistor")
+    table = Table("train", "stops", "worst stop", "worst run", *COLUMNS)
     for report in record.reports:
         worst_m = max((abs(run.error_m) for run in report.runs), default=0.0)
         late = sorted((run.late_s for run in report.runs), key=abs)
@@ -176,23 +152,15 @@ def _show(console: Console, record: LineRecord, document: dict[str, Any], factor
             str(len(report.runs)),
             f"{worst_m * 100.0:.1f} cm",
             f"{late[-1]:+.1f} s" if late else "–",
-            *(
-                f"{joules / J_PER_KWH:.1f} kWh"
-                for joules in (report.drawn_j, report.returned_j, report.resistor_j)
-            ),
+            *cells_of(report.energy),
         )
     console.print(table)
     gap = document["least_gap_m"]
     parts = [
-        f"from the grid {document['actual_kwh']:.1f} kWh, regeneration used "
-        f"{document['use_ratio']:.1%} of traction",
         _on_time(document),
         f"{document['emergencies']} emergency brakes",
         *([] if gap is None else [f"least gap {gap:.0f} m"]),
-        f"pantographs {document['lowest_v']:.0f} to {document['highest_v']:.0f} V",
-        f"{document['unconverged']} of {document['solved']} instants without a network solution",
-        f"energy balance closes within {PERCENT * abs(document['closure_ratio']):.4f} %",
-        f"meters within {PERCENT * abs(document['metered_ratio']):.3f} %",
+        *summary_of(document),
         f"{factor:.0f} times real time",
     ]
     console.print("; ".join(parts), highlight=False)

@@ -24,10 +24,10 @@ from metro_hil.model.gc_tuning import collect_rarely
 from metro_hil.model.run_folder import RunFolder
 from plant_emulator.traffic.coupling import (
     INTERVAL_S,
-    Books,
     Coupling,
     CouplingAnswer,
     IntervalReport,
+    PowerCoupling,
 )
 
 AHEAD: Final = 2
@@ -62,12 +62,10 @@ class TrainDiedError(Exception):
 class LineRecord:
     """Results of the run."""
 
+    coupling: PowerCoupling
     interval_s: float = INTERVAL_S * RECORD_EVERY
     rows: list[LineInstant] = field(default_factory=list)
     reports: list[VirtualTrainReport] = field(default_factory=list)
-    books: Books = field(default_factory=Books)
-    unconverged: int = 0
-    solved: int = 0
     duration_s: float = 0.0
     """Simulated time; less than planned if the user ended the run."""
     least_gap_m: float = float("inf")
@@ -275,7 +273,7 @@ def _coupled(
     interrupted: Callable[[], bool],
 ) -> LineRecord:
     coupling = Coupling(plan.traffic, plan.supply)
-    record = LineRecord(books=coupling.books)
+    record = LineRecord(coupling)
     length_m = plan.scenarios[0].train.length_m
     for interval in range(intervals):
         if interrupted():
@@ -294,8 +292,6 @@ def _coupled(
             told(interval * INTERVAL_S)
         record.duration_s = round((interval + 1) * INTERVAL_S, 6)
     record.reports = [report for party in parties for report in party.reports()]
-    record.unconverged = coupling.network.unconverged
-    record.solved = coupling.network.solved
     return record
 
 

@@ -96,8 +96,8 @@ def _substations(axes: Axes, plan: LinePlan, record: LineRecord, time_s: Numbers
 
 def _regeneration(axes: Axes, record: LineRecord) -> None:
     names = [f"train {report.train}" for report in record.reports]
-    burnt = np.array([report.resistor_j for report in record.reports]) / J_PER_KWH
-    braked = np.array([report.braking_j for report in record.reports]) / J_PER_KWH
+    burnt = np.array([report.energy.resistor_j for report in record.reports]) / J_PER_KWH
+    braked = np.array([report.energy.braking_j for report in record.reports]) / J_PER_KWH
     places = np.arange(len(names))
     axes.bar(places, braked - burnt, color=USED, label="used by itself and others")
     axes.bar(places, burnt, bottom=braked - burnt, color=BURNT, label="braking resistors")

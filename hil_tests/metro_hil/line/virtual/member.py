@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from can_dbc.vobc import Supervision
 from firmware_py.trackdb import LineMap
+from metro_hil.line.energy import TrainEnergy, energy_of
 from metro_hil.model.frame_hash import FrameHash
 from metro_hil.model.mission import Journey, check_reference
 from metro_hil.model.run_folder import RunFolder
@@ -72,19 +73,14 @@ def plan_line(
 
 
 class VirtualTrainReport(NamedTuple):
-    """Results of one train; energies in J from its own meter."""
+    """Results of one train."""
 
     train: int
     frames: int
     frame_chain: str
     runs: tuple[StationRun, ...]
     emergencies: int
-    drawn_j: float
-    returned_j: float
-    resistor_j: float
-    traction_j: float
-    braking_j: float
-    auxiliary_j: float
+    energy: TrainEnergy
     lost_log_lines: int
 
 
@@ -130,18 +126,12 @@ class VirtualTrain:
     def close(self) -> VirtualTrainReport:
         """Close the logs and return the results."""
         self._bench.close()
-        power = self._bench.plant.world.power
         return VirtualTrainReport(
             train=self.member.train,
             frames=self.chain.frames,
             frame_chain=self.chain.value,
             runs=tuple(self.member.dispatcher.runs),
             emergencies=self._emergencies,
-            drawn_j=power.drawn_j,
-            returned_j=power.returned_j,
-            resistor_j=power.resistor_j,
-            traction_j=power.traction_j,
-            braking_j=power.braking_j,
-            auxiliary_j=power.auxiliary_j,
+            energy=energy_of(self._bench.plant.world.power),
             lost_log_lines=self._bench.lost_log_lines,
         )
