@@ -459,6 +459,12 @@ class World:
         self.reseed(turned.seed)
         self.tag_reader.mount(turned.tags_m)
 
+    def keep_power(self, power: HighVoltageBox) -> None:
+        """Go on with the high-voltage box of the run before, its meter and the resistor's heat."""
+        self.power = power
+        power.isolate(False)
+        self._feed_traction()
+
     def pass_over(self, steps: int) -> None:
         """Skip time without any movement, for a process that was delayed for too long."""
         self.now_ns += steps * STEP_NS

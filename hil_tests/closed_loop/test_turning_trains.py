@@ -1,13 +1,15 @@
 """Two whole trains on one network: they enter, wait for each other, turn round, and leave."""
 
+import json
 from pathlib import Path
 from typing import Final
 
 import pytest
 
+from metro_hil.cli import vobc_run
 from metro_hil.line.turning.conductor import Conductor
 from metro_hil.line.turning.plan import plan_fleet
-from metro_hil.model.run_options import parse
+from metro_hil.model.run_options import EXIT_OK, parse
 
 NETWORK: Final = """
 name = "stub"
@@ -52,6 +54,11 @@ trains = 2
 route = "in"
 [[trips]]
 route = "out"
+"""
+SUPPLY: Final = """
+name = "stub"
+substations = [{ joint = "a", no_load_v = 836.0, source_ohm = 0.015 }]
+sections = [{ begin = "a", end = "b", begin_m = -120.0, end_m = 140.0, ohm_per_km = 0.02 }]
 """
 
 
@@ -102,3 +109,30 @@ def test_a_train_waits_until_the_other_has_turned(tmp_path: Path) -> None:
     assert conductor.between.checked_count > 100
     assert conductor.between.violations == []
     assert first.brakes == second.brakes == []
+
+
+def test_a_train_on_a_supply_network_keeps_its_meter_when_it_changes_ends(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    supply, out = tmp_path / "supply.toml", tmp_path / "run"
+    supply.write_text(SUPPLY, encoding="utf-8")
+    words = ["--service", write(tmp_path), "--trains", "1", "--supply", str(supply)]
+
+    code = vobc_run.main(["run", "--lockstep", *words, "--no-logs", "--json", "--out", str(out)])
+
+    printed = capsys.readouterr()
+    told = json.loads(printed.out)
+    assert code == EXIT_OK
+    assert told == json.loads((out / "results.json").read_text(encoding="utf-8"))
+    assert (told["supply"], told["unconverged"], len(told["trips"])) == ("stub", 0, 2)
+    assert "energy balance closes within 0.0000 %" in " ".join(printed.err.split())
+    # The train brakes once in each direction, and its meter counts both.
+    (train,) = told["per_train"]
+    assert train["drawn_kwh"] - train["returned_kwh"] + told["lost_kwh"] == pytest.approx(
+        told["actual_kwh"]
+    )
+    motor_kwh = told["traction_kwh"] - train["regenerated_kwh"] + train["resistor_kwh"]
+    assert motor_kwh + told["auxiliary_kwh"] == pytest.approx(
+        train["drawn_kwh"] - train["returned_kwh"]
+    )
+    assert train["lowest_v"] == told["lowest_v"] < 836.0 < told["highest_v"]

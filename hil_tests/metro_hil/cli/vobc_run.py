@@ -100,7 +100,7 @@ def _complain(error: Exception | str, code: int) -> int:
 
 
 def _run(options: RunOptions, console: Console) -> int:
-    fleet = options.masters or options.trains is not None
+    fleet = options.masters or options.trains is not None or options.supply is not None
     if options.service is not None and (fleet or several(options.service)):
         from metro_hil.line.turning import command as turning_run
 

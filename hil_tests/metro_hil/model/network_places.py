@@ -1,6 +1,25 @@
-"""Places of the tracks of a network on one axis, for diagrams and train graphs."""
+"""Places of the tracks of a network on one axis, for diagrams, train graphs and the supply."""
 
 from firmware_py.trackdb.network import TrackNetwork
+from firmware_py.trackdb.paths import TrackPlace
+
+
+class NetworkAxis:
+    """Chainage of the whole network: that of its first track, continued over the others."""
+
+    def __init__(self, network: TrackNetwork) -> None:
+        self._network, self._ends_m = network, ends_m(network)
+
+    def place_m(self, place: TrackPlace) -> float:
+        track = self._network.track(place.track)
+        low_m, high_m = (self._ends_m[f"{track.name}.{end}"] for end in ("start", "end"))
+        ratio = (place.at_m - track.start_m) / (track.end_m - track.start_m)
+        return low_m + ratio * (high_m - low_m)
+
+    def stretch_m(self, track: str) -> tuple[float, float]:
+        """Both ends of a track, the lower one first."""
+        low_m, high_m = sorted(self._ends_m[f"{track}.{end}"] for end in ("start", "end"))
+        return low_m, high_m
 
 
 def ends_m(network: TrackNetwork) -> dict[str, float]:

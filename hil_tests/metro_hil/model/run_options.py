@@ -111,8 +111,8 @@ class RunOptions:
     trains: int | None = None
     """Number of trains on the line in lockstep; None for a single train without network."""
     supply: str | None = None
+    """Supply network that feeds the trains."""
     traffic: str | None = None
-    """Supply network of the line that feeds the trains."""
     logs: bool = True
     """Whether each of several trains writes logs."""
     masters: bool = False
@@ -304,7 +304,10 @@ def _add_line(run: argparse.ArgumentParser) -> None:
         "--traffic", metavar="NAME|FILE", help="headway, dwells, places; default: the line's"
     )
     group.add_argument(
-        "--supply", metavar="NAME|FILE", help="network: strong, weak; default: the traffic's"
+        "--supply",
+        metavar="NAME|FILE",
+        help="network: strong, weak; default: the traffic's, and with --service a source for each "
+        "train",
     )
     group.add_argument(
         "--no-logs", dest="logs", action="store_false", help="no folder for each train: faster"
@@ -436,12 +439,12 @@ def trains_problem(options: RunOptions) -> str:
             "--no-logs": not options.logs,
         }
         if options.service is not None:
-            # Its file may name several trains.
-            del alone["--no-logs"]
+            # Its file names the number of trains.
+            del alone["--no-logs"], alone["--supply"]
         asked = [name for name, given in alone.items() if given]
         return f"{asked[0]}: only with --trains" if asked else ""
-    if options.service is not None and (options.traffic or options.supply):
-        return "--traffic and --supply: not with --service; trains that turn round have no supply"
+    if options.service is not None and options.traffic:
+        return "--traffic: not with --service, whose file gives the headway"
     if options.watch:
         return "--watch: not with --trains; `vobc watch` shows the folder of one of the trains"
     if not options.lockstep:

@@ -19,6 +19,16 @@ from firmware_py.clock.clock import WallClock
 from firmware_py.interrupts import Interrupts
 from firmware_py.storage.recorder import loss_text
 from firmware_py.storage.whole_file import write_whole
+from metro_hil.line.energy import (
+    COLUMNS,
+    TrainEnergy,
+    cells_of,
+    energy_of,
+    keys_of_network,
+    keys_of_service,
+    keys_of_train,
+    summary_of,
+)
 from metro_hil.line.turning.conductor import AFTER_KILL, Conductor
 from metro_hil.line.turning.headway import Turnback, turnbacks
 from metro_hil.line.turning.masters import Masters, StruckMaster
@@ -61,7 +71,7 @@ def run(options: RunOptions, console: Console) -> int:
     trips = [trip for train in conductor.trains for trip in train.trips]
     turned = turnbacks(plan, trips)
     document = as_document(plan, conductor, turned)
-    _show(console, plan, conductor, turned, record.duration_s / elapsed_s)
+    _show(console, plan, conductor, turned, document, record.duration_s / elapsed_s)
     write_whole(folder.results, json.dumps(document, indent=2) + "\n")
     from metro_hil.line.turning import figures
 
@@ -91,7 +101,9 @@ def _is_sound(conductor: Conductor, struck: StruckMaster | None) -> bool:
     braked = any(train.brakes for train in conductor.trains)
     ended = conductor.record.exit_reason in (ARRIVED, AFTER_KILL)
     followed = struck is None or struck.is_followed
-    return ended and followed and not conductor.between.violations and not braked
+    supply = conductor.supply
+    solved = supply is None or not supply.coupling.network.unconverged
+    return ended and followed and solved and not conductor.between.violations and not braked
 
 
 def as_document(plan: FleetPlan, conductor: Conductor, turned: list[Turnback]) -> Mapping[str, Any]:
@@ -111,6 +123,33 @@ def as_document(plan: FleetPlan, conductor: Conductor, turned: list[Turnback]) -
         "turnbacks": [{**plain(each), "limit_s": each.limit.total_s} for each in turned],
         "trips": [plain(trip) for train in conductor.trains for trip in train.trips],
         **({} if conductor.masters is None else {"masters": _of_masters(conductor.masters)}),
+        **_of_supply(plan, conductor),
+    }
+
+
+def _of_supply(plan: FleetPlan, conductor: Conductor) -> dict[str, Any]:
+    """Energy of all trains and of each; empty without a supply network."""
+    if plan.supply is None or conductor.supply is None:
+        return {}
+    energies = _energies(conductor)
+    full = conductor.supply.full_service
+    return {
+        "law": plan.config.ato.strategy,
+        "supply": plan.supply.name,
+        **keys_of_network(conductor.supply.coupling, list(energies.values())),
+        "full_service": None if full is None else keys_of_service(full),
+        "per_train": [
+            {"train": number, **keys_of_train(energy)} for number, energy in energies.items()
+        ],
+    }
+
+
+def _energies(conductor: Conductor) -> dict[int, TrainEnergy]:
+    """Energy of each train that has entered, by its number."""
+    return {
+        train.number: energy_of(train.power)
+        for train in conductor.trains
+        if train.power is not None
     }
 
 
@@ -149,11 +188,14 @@ def _show(
     plan: FleetPlan,
     conductor: Conductor,
     turned: list[Turnback],
+    document: Mapping[str, Any],
     factor: float,
 ) -> None:
-    table = Table("train", "trips", "worst stop", "latest departure", "brakes by protection")
+    fed = COLUMNS if conductor.supply is not None else ()
+    table = Table("train", "trips", "worst stop", "latest departure", "brakes by protection", *fed)
     for train in conductor.trains:
-        table.add_row(*_row(train, timed=plan.service.headway_s > 0.0))
+        energy = [] if train.power is None else cells_of(energy_of(train.power))
+        table.add_row(*_row(train, timed=plan.service.headway_s > 0.0), *energy)
     console.print(table)
     if turned:
         console.print(_turnback_table(turned))
@@ -168,6 +210,8 @@ def _show(
     )
     if conductor.masters is not None:
         console.print(_masters_text(conductor.masters), highlight=False)
+    if document.get("supply"):
+        console.print("; ".join(summary_of(document)), highlight=False)
     for each in between.violations:
         who = " and ".join(each.trains)
         console.print(f"at {each.at_s:.2f} s, {who}: {each.kind}", style="red", highlight=False)

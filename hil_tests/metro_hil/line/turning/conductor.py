@@ -17,9 +17,11 @@ from firmware_py.trackdb.paths import TrackPlace
 from metro_hil.line.turning.invariants import Between, Observed
 from metro_hil.line.turning.masters import CUT_NS, Masters
 from metro_hil.line.turning.plan import FleetPlan
+from metro_hil.line.turning.supply import FleetSupply
 from metro_hil.line.turning.train import TurningTrain
 from metro_hil.model.end_condition import ARRIVED, INTERRUPTED
 from metro_hil.run.lockstep import LIMIT_S, STANDS_S, STUCK, TIME_UP
+from plant_emulator.traffic.coupling import INTERVAL_NS
 from plant_emulator.wayside.interlocking import SignalBox
 
 SLICE_NS: Final = 50_000_000
@@ -86,6 +88,8 @@ class Conductor:
         self._heals_ns: int | None = None
         """When a cut of a master's radio ends."""
         self.between = Between()
+        self.supply = _supply_of(plan)
+        """None: each train has a source of its own."""
         self._patience_s = STANDS_S + max(plan.round_s, plan.service.headway_s)
 
     def run(
@@ -118,6 +122,8 @@ class Conductor:
             self._advance(now_ns)
             now_ns += SLICE_NS
             self._watch(now_ns)
+            if self.supply is not None and now_ns % INTERVAL_NS == 0:
+                self.supply.step(now_ns, self.trains)
             if any(train.moving for train in self.trains):
                 moved_ns = now_ns
             if all(train.gone for train in self.trains):
@@ -130,6 +136,9 @@ class Conductor:
                 record.exit_reason = STUCK
             elif now_ns > LIMIT_S * NS_PER_S:
                 record.exit_reason = TIME_UP
+        if self.supply is not None and now_ns % INTERVAL_NS:
+            # The last interval is shorter; its energy counts too.
+            self.supply.step(now_ns, self.trains)
         record.duration_s = now_ns / NS_PER_S
 
     def _strike(self, now_ns: int) -> None:
@@ -170,11 +179,8 @@ class Conductor:
     def _draw(self, now_ns: int) -> None:
         for train in self.trains:
             if train.bench is not None:
-                body = train.interlocking.body
-                place = body.path.to_track((body.rear_m + body.end_m) / 2.0)
-                self.record.points.append(
-                    GraphPoint(now_ns / NS_PER_S, train.number, train.trips[-1].index, place)
-                )
+                at_s, trip = now_ns / NS_PER_S, train.trips[-1].index
+                self.record.points.append(GraphPoint(at_s, train.number, trip, train.middle))
 
 
 def _masters_of(plan: FleetPlan, box: SignalBox) -> Masters | None:
@@ -182,3 +188,9 @@ def _masters_of(plan: FleetPlan, box: SignalBox) -> Masters | None:
         return None
     paths = {each.trip.path.line.name: each.trip.path for each in plan.trips}
     return Masters(plan.network, paths.values(), box)
+
+
+def _supply_of(plan: FleetPlan) -> FleetSupply | None:
+    if plan.supply is None:
+        return None
+    return FleetSupply(plan.supply, plan.network, headway_s=plan.service.headway_s)

@@ -11,12 +11,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from firmware_py.storage.whole_file import whole_file
-from firmware_py.trackdb.network import Running, TrackNetwork
+from firmware_py.trackdb.network import Running
 from firmware_py.trackdb.paths import TrackPlace
 from metro_hil.line.turning.conductor import FleetRecord
 from metro_hil.line.turning.headway import Turnback
 from metro_hil.line.turning.plan import FleetPlan
-from metro_hil.model.network_places import ends_m
+from metro_hil.model.network_places import NetworkAxis
 
 INK, QUIET = "#1f2933", "#7b8794"
 KM: Final = 1000.0
@@ -39,21 +39,8 @@ def draw(path: Path, plan: FleetPlan, record: FleetRecord, turned: list[Turnback
             figure.savefig(part)
 
 
-class Scale:
-    """Places of tracks on one axis, as in the diagram of the network."""
-
-    def __init__(self, network: TrackNetwork) -> None:
-        self._network, self._ends_m = network, ends_m(network)
-
-    def place_m(self, place: TrackPlace) -> float:
-        track = self._network.track(place.track)
-        low_m, high_m = (self._ends_m[f"{track.name}.{end}"] for end in ("start", "end"))
-        ratio = (place.at_m - track.start_m) / (track.end_m - track.start_m)
-        return low_m + ratio * (high_m - low_m)
-
-
 def _graph(axes: Axes, plan: FleetPlan, record: FleetRecord) -> None:
-    scale = Scale(plan.network)
+    axis = NetworkAxis(plan.network)
     for number in range(1, plan.trains + 1):
         points = [each for each in record.points if each.train == number]
         label = f"train {number}"
@@ -61,7 +48,7 @@ def _graph(axes: Axes, plan: FleetPlan, record: FleetRecord) -> None:
             shown = list(trip)
             axes.plot(
                 [each.at_s for each in shown],
-                [scale.place_m(each.place) / KM for each in shown],
+                [axis.place_m(each.place) / KM for each in shown],
                 linewidth=1.0,
                 color=f"C{number - 1}",
                 label=label,
@@ -70,7 +57,7 @@ def _graph(axes: Axes, plan: FleetPlan, record: FleetRecord) -> None:
     for track in plan.network.tracks:
         for edge in track.platforms:
             at_m = (edge.start_m + edge.end_m) / 2.0
-            place_km = scale.place_m(TrackPlace(track.name, at_m, Running.UP)) / KM
+            place_km = axis.place_m(TrackPlace(track.name, at_m, Running.UP)) / KM
             axes.axhline(place_km, color=QUIET, linewidth=0.3)
             axes.annotate(
                 edge.station,

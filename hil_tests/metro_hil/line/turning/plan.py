@@ -9,10 +9,12 @@ from firmware_py.trackdb.network import TrackNetwork
 from metro_hil.metrics.fastest_run import fastest_run_s, limited_stretches
 from metro_hil.model.case import Setup
 from metro_hil.model.mission import Journey, check_reference, plan_journey
+from metro_hil.model.network_supply import supply_of
 from metro_hil.model.run_options import RunOptions
 from metro_hil.model.service import TRAINS_MAX, PlannedTrip, Service, needs_switches, read_service
 from metro_hil.run.lockstep import config_of, scenario_of
 from metro_hil.run.turnback import options_of, timed_journey, timed_scenario, trips_of
+from plant_emulator.power.supplies import Supply
 from plant_emulator.traffic.member import SEEDS
 from plant_emulator.wayside.interlocking import sections_of
 from plant_emulator.wayside.route_objects import check_masters
@@ -72,6 +74,8 @@ class FleetPlan:
     masters: bool = False
     """Whether the trains command themselves."""
     strike: "MasterStrike | None" = None
+    supply: Supply | None = None
+    """Supply network of all trains; None: each train has a source of its own."""
 
     @property
     def round_s(self) -> float:
@@ -132,6 +136,7 @@ def plan_fleet(options: RunOptions) -> FleetPlan:
         options.seed,
         options.masters,
         strike_of(options),
+        None if options.supply is None else supply_of(options.supply, tracks[0], planned),
     )
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Final
 
 from can_dbc.vobc import Supervision
+from firmware_py.trackdb.paths import TrackPlace
 from metro_hil.line.turning.masters import Masters
 from metro_hil.line.turning.plan import FleetPlan
 from metro_hil.metrics.case import MemoryLog
@@ -13,6 +14,9 @@ from metro_hil.model.mission import Journey
 from metro_hil.model.run_folder import RunFolder
 from metro_hil.run.lockstep import Lockstep, Taps
 from metro_hil.run.turnback import Departure, go_on
+from plant_emulator.power import HighVoltageBox
+from plant_emulator.power.box import Due
+from plant_emulator.traffic.coupling import INTERVAL_S, TrainFeed
 from plant_emulator.wayside.interlocking import (
     AT_STOP_M,
     CLEAR_M,
@@ -21,7 +25,7 @@ from plant_emulator.wayside.interlocking import (
     SignalBox,
 )
 from plant_emulator.wayside.separation import REAR_M
-from plant_emulator.world import STEP_NS, TrainScenario
+from plant_emulator.world import STEP_NS, TrainScenario, World
 from vobc.process.line_command import LineCommand
 
 NS_PER_S: Final = 1_000_000_000
@@ -89,6 +93,9 @@ class TurningTrain:
         """Whether the train has made all trips."""
         self.lost_log_lines = 0
         self.bench: Lockstep | None = None
+        self.power: HighVoltageBox | None = None
+        """The box by which a supply network feeds the train, the same on all trips; None before
+        the train enters, and without such a network."""
         self._plan, self._box, self._folder, self._masters = plan, box, folder, masters
         self._config = plan.config
         self._command: LineCommand | None = None
@@ -106,6 +113,17 @@ class TurningTrain:
         """True chainage of the front on the path of the trip."""
         assert self.bench is not None
         return self.bench.plant.world.front_m
+
+    @property
+    def on_network(self) -> bool:
+        """Whether the train has entered and not left."""
+        return self.bench is not None
+
+    @property
+    def middle(self) -> TrackPlace:
+        """True place of the train's middle. Call it for a train on the network only."""
+        body = self.interlocking.body
+        return body.path.to_track((body.rear_m + body.end_m) / 2.0)
 
     @property
     def moving(self) -> bool:
@@ -182,6 +200,25 @@ class TurningTrain:
             self._masters.leave(self._path_name(), self.number)
             self._command = None
 
+    def feed(self, feed: TrainFeed, due: Due) -> None:
+        """Take what the supply network gives.
+
+        Args:
+            due: energies of the interval, as `HighVoltageBox.take_load` gave them.
+        """
+        assert self.power is not None
+        self.power.fed(feed.voltage_v, feed.chopped_ratio, feed.effort_ratio, due, INTERVAL_S)
+        if self.bench is not None:
+            self.bench.plant.world.traction.feed(self.power.effort_ratio)
+
+    def _connect(self, world: World) -> None:
+        """Let the supply network feed the train."""
+        if self.power is None:
+            self.power = world.power
+            self.power.join()
+        else:
+            world.keep_power(self.power)
+
     def _be_commanded(self, bench: Lockstep, command: LineCommand) -> None:
         """Keep the stretch of a train that masters command, and let it wait until it is due."""
         routes = self.interlocking
@@ -237,6 +274,8 @@ class TurningTrain:
             self._departs_ns = round(wait_s * NS_PER_S)
         shared = SharedNetwork(self._box, self.name, now_ns, stops_m)
         self.bench = self._open(index, scenario, journey, shared)
+        if self._plan.supply is not None:
+            self._connect(self.bench.plant.world)
         due_s = due_ns / NS_PER_S if self._plan.first_trip(index) else None
         trip = planned.trip
         self.trips.append(

@@ -103,7 +103,8 @@ def test_a_line_without_switches_takes_one_train(tmp_path: Path) -> None:
     ("words", "problem"),
     [
         (["--trains", "21"], "--trains 21: with a service there are 1 to 20"),
-        (["--trains", "2", "--supply", "weak"], "--traffic and --supply: not with --service"),
+        (["--trains", "2", "--traffic", "changping"], "--traffic: not with --service"),
+        (["--trains", "2", "--supply", "weak"], "supply weak: sections: no section at"),
     ],
 )
 def test_options_that_do_not_fit(

@@ -1,0 +1,91 @@
+"""The supply network of trains that turn round, on all tracks of their network."""
+
+import copy
+from collections.abc import Sequence
+from typing import Final, Protocol
+
+from firmware_py.trackdb.network import TrackNetwork
+from firmware_py.trackdb.paths import TrackPlace
+from metro_hil.line.energy import FullService
+from metro_hil.model.network_places import NetworkAxis
+from plant_emulator.power import HighVoltageBox
+from plant_emulator.power.box import Due
+from plant_emulator.power.network import Load
+from plant_emulator.power.supplies import Supply
+from plant_emulator.traffic.coupling import INTERVAL_S, Books, PowerCoupling, TrainFeed
+
+NS_PER_S: Final = 1_000_000_000
+
+
+class FedTrain(Protocol):
+    """The parts of a train that its supply needs, as `TurningTrain` has them."""
+
+    @property
+    def number(self) -> int: ...
+
+    @property
+    def power(self) -> HighVoltageBox | None: ...
+
+    @property
+    def on_network(self) -> bool: ...
+
+    @property
+    def middle(self) -> TrackPlace: ...
+
+    def feed(self, feed: TrainFeed, due: Due) -> None: ...
+
+
+class FleetSupply:
+    """Solves the supply network for all trains once an interval."""
+
+    def __init__(self, supply: Supply, network: TrackNetwork, *, headway_s: float) -> None:
+        """Args:
+        headway_s: the service's; 0 without a timetable.
+        """
+        self.coupling = PowerCoupling(supply)
+        self._axis = NetworkAxis(network)
+        self._at_m: dict[int, float] = {}
+        """Place of each train on the network's axis in the last interval."""
+        self._period_ns = round(max(headway_s, INTERVAL_S) * NS_PER_S)
+        self._began: tuple[int, Books] | None = None
+        """The first instant at which all trains ran, and the books then."""
+        self._ended: tuple[int, Books] | None = None
+
+    def step(self, now_ns: int, trains: Sequence[FedTrain]) -> None:
+        """Account for the time since the last call, at most an interval, and feed all trains."""
+        fed: list[tuple[FedTrain, Due]] = []
+        loads: list[Load] = []
+        for train in trains:
+            if train.power is None:
+                continue
+            if train.on_network:
+                self._at_m[train.number] = self._axis.place_m(train.middle)
+            wish, due = train.power.take_load(INTERVAL_S)
+            if train.on_network or any(due):
+                loads.append(Load(self._at_m[train.number], *wish))
+                fed.append((train, due))
+        for (train, due), feed in zip(fed, self.coupling.feed(loads), strict=True):
+            train.feed(feed, due)
+        if all(train.on_network for train in trains):
+            self._note(now_ns)
+
+    def _note(self, now_ns: int) -> None:
+        """Note the books while all trains run."""
+        if self._began is None:
+            self._began = now_ns, copy.copy(self.coupling.books)
+        elif (now_ns - self._began[0]) % self._period_ns == 0:
+            self._ended = now_ns, copy.copy(self.coupling.books)
+
+    @property
+    def full_service(self) -> FullService | None:
+        """None if all trains did not run together for a headway."""
+        if self._began is None or self._ended is None:
+            return None
+        (began_ns, first), (ended_ns, last) = self._began, self._ended
+        return FullService(
+            began_ns / NS_PER_S,
+            ended_ns / NS_PER_S,
+            last.sources_j - first.sources_j,
+            last.regenerated_j - first.regenerated_j,
+            last.resistor_j - first.resistor_j,
+        )
