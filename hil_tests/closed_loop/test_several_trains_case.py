@@ -184,6 +184,13 @@ def test_a_fault_of_no_train_of_the_case_blocks_it(
             "masters = true\ncut_master_at_s = 5.0\nkill_master_at_s = 6.0",
             "kill_master_at_s: 6 excludes cut_master_at_s",
         ),
+        ('service = "both.toml"', 'supply = "weak"', "supply: 'weak' needs service"),
+        (
+            "duration_s = 27.0",
+            'supply = "weak"',
+            "train.supply: supply weak: sections: S1900-S3799 from 1900 m to 3799 m feeds no track",
+        ),
+        ("duration_s = 27.0", 'supply = "none"', "train.supply: none: "),
         ("train = 1", "train = 0", "train: 0 is not a whole number of 1 or more"),
     ],
 )

@@ -6,10 +6,14 @@ from typing import Final
 
 import pytest
 
+from metro_hil.campaign.plan import plan_cases
+from metro_hil.campaign.read import read_campaign
 from metro_hil.cli import vobc_run
 from metro_hil.line.turning.conductor import Conductor
 from metro_hil.line.turning.plan import plan_fleet
+from metro_hil.model.case import Verdict
 from metro_hil.model.run_options import EXIT_OK, parse
+from metro_hil.run.dispatch import run_case
 
 NETWORK: Final = """
 name = "stub"
@@ -111,12 +115,13 @@ def test_a_train_waits_until_the_other_has_turned(tmp_path: Path) -> None:
     assert first.brakes == second.brakes == []
 
 
-def test_a_train_on_a_supply_network_keeps_its_meter_when_it_changes_ends(
+def test_the_command_prints_the_energy_of_trains_on_a_supply_network(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     supply, out = tmp_path / "supply.toml", tmp_path / "run"
     supply.write_text(SUPPLY, encoding="utf-8")
-    words = ["--service", write(tmp_path), "--trains", "1", "--supply", str(supply)]
+    one_trip = SERVICE.replace('[[trips]]\nroute = "out"\n', "")
+    words = ["--service", write(tmp_path, one_trip), "--trains", "1", "--supply", str(supply)]
 
     code = vobc_run.main(["run", "--lockstep", *words, "--no-logs", "--json", "--out", str(out)])
 
@@ -124,9 +129,8 @@ def test_a_train_on_a_supply_network_keeps_its_meter_when_it_changes_ends(
     told = json.loads(printed.out)
     assert code == EXIT_OK
     assert told == json.loads((out / "results.json").read_text(encoding="utf-8"))
-    assert (told["supply"], told["unconverged"], len(told["trips"])) == ("stub", 0, 2)
+    assert (told["supply"], told["unconverged"], len(told["trips"])) == ("stub", 0, 1)
     assert "energy balance closes within 0.0000 %" in " ".join(printed.err.split())
-    # The train brakes once in each direction, and its meter counts both.
     (train,) = told["per_train"]
     assert train["drawn_kwh"] - train["returned_kwh"] + told["lost_kwh"] == pytest.approx(
         told["actual_kwh"]
@@ -136,3 +140,27 @@ def test_a_train_on_a_supply_network_keeps_its_meter_when_it_changes_ends(
         train["drawn_kwh"] - train["returned_kwh"]
     )
     assert train["lowest_v"] == told["lowest_v"] < 836.0 < told["highest_v"]
+
+
+def test_a_train_keeps_its_meter_when_it_changes_ends(tmp_path: Path) -> None:
+    """A case counts the energy of each trip once, although the meter goes on."""
+    write(tmp_path)
+    (tmp_path / "supply.toml").write_text(SUPPLY, encoding="utf-8")
+    scenario = tmp_path / "scenario.toml"
+    scenario.write_text(
+        '[train]\nservice = "service.toml"\ntrains = 1\nsupply = "supply.toml"\n', encoding="utf-8"
+    )
+    campaign = read_campaign(str(scenario))
+    (case,) = plan_cases(campaign)
+
+    result = run_case(case, files={name: tmp_path / name for name in campaign.files})
+
+    measures = result.measures
+    assert (measures["arrived_count"], measures["ends_changed_count"]) == (2.0, 1.0)
+    solved = next(each for each in result.monitors if each.name == "supply-solved")
+    assert solved.verdict is Verdict.PASS
+    kwh = {name: value or 0.0 for name, value in measures.items() if name.endswith("_kwh")}
+    net_kwh = kwh["energy_drawn_kwh"] - kwh["energy_returned_kwh"]
+    # The network itself loses some per cent.
+    assert 0.9 * kwh["grid_energy_kwh"] < net_kwh < kwh["grid_energy_kwh"]
+    assert 0.0 < kwh["resistor_energy_kwh"] < 0.2 * kwh["grid_energy_kwh"]

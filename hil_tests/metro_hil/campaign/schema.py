@@ -110,6 +110,7 @@ class TrainKeys:
     masters: bool = False
     cut_master_at_s: float | None = None
     kill_master_at_s: float | None = None
+    supply: str | None = None
 
     def __post_init__(self) -> None:
         in_range(self, "load_ratio", 0.0, 1.0)
@@ -130,6 +131,8 @@ class TrainKeys:
         if self.masters and self.service is None:
             raise ValueError("masters true needs service, whose trains command themselves")
         self._check_strikes()
+        if self.supply is not None and self.service is None:
+            raise ValueError(f"supply {self.supply!r} needs service, whose trains it feeds")
         if self.service is not None:
             given = [name for name in ("start", "end") if getattr(self, name) is not None]
             given += ["wakes_up"] if self.wakes_up else []

@@ -10,11 +10,12 @@ from firmware_py.trackdb import LineMap, load_line
 from firmware_py.trackdb.circuit import split_route, with_route
 from metro_hil.model.service import PlannedTrip, line_of_service, load_service
 from plant_emulator.desk.recording import DeskRecording, load_recording
+from plant_emulator.power.supplies import Supply, load_supply
 from plant_emulator.train_config import TrainConfig, load_train
 from vobc.config import VobcConfig, load_config
 
 T = TypeVar("T")
-SHIPPED: Final = ("line", "consist", "params")
+SHIPPED: Final = ("line", "consist", "params", "supply")
 """Kinds of files of which some ship, named by their stem; all others are files of the user."""
 
 
@@ -48,6 +49,9 @@ class Sources:
         """Name and trips of a service on a line, which is always a file of the user."""
         on_line = str(self._folder / line) if is_path(line) else line
         return self._get("service", written, lambda path: load_service(path, on_line))
+
+    def supply(self, written: str) -> tuple[str, Supply]:
+        return self._get("supply", written, load_supply)
 
     def line_of_service(self, written: str) -> str:
         """The line that a service names, as a campaign in its folder would write it."""

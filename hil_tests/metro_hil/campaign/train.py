@@ -13,13 +13,17 @@ from metro_hil.campaign.problems import Findings, attempt, salvage
 from metro_hil.campaign.schema import OVERRIDES, TRAIN, TimetableKeys, TrainKeys
 from metro_hil.campaign.sources import Sources
 from metro_hil.model.case import Setup
+from metro_hil.model.network_supply import check_supply
 from metro_hil.model.service import needs_switches, read_service
 from plant_emulator.train_config import TrainConfig
 from vobc.config import VobcConfig
 from vobc.plausible import implausible
 
 T = TypeVar("T")
-OF_SERVICE: Final = ("service", "trains", "masters", "cut_master_at_s", "kill_master_at_s")
+OF_SERVICE: Final = (
+    *("service", "trains", "supply"),
+    *("masters", "cut_master_at_s", "kill_master_at_s"),
+)
 """Keys that are those of all trips together."""
 DEFAULT = Setup()
 
@@ -90,11 +94,22 @@ def _read_service(
             return None
         reads.append(read)
     trains = setup.trains or read_service(str(sources.paths[name])).trains
-    network, _ = split_route(trips[0].line)
-    if (trains > 1 or setup.masters) and not load_network(network).switches:
+    network = load_network(split_route(trips[0].line)[0])
+    together = setup.masters or setup.supply is not None
+    if (trains > 1 or together) and not network.switches:
         findings.add("train.service", needs_switches(trains, written))
         return None
     kept = {key: getattr(setup, key) for key in OF_SERVICE if key != "service"}
+    if setup.supply is not None:
+        supply = _named(sources.supply, "supply", setup.supply, findings)
+        if supply is None:
+            return None
+        try:
+            check_supply(supply[1], setup.supply, network, trips)
+        except SettingsError as error:
+            findings.add("train.supply", str(error))
+            return None
+        kept["supply"] = supply[0]
     return msgspec.structs.replace(reads[0], service=name, start=None, end=None, dwell_s={}, **kept)
 
 

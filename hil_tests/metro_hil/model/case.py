@@ -85,6 +85,8 @@ class Setup(msgspec.Struct, frozen=True, kw_only=True):
     """Time at which the radio of a train that commands is cut, s; None for no cut."""
     kill_master_at_s: float | None = None
     """Time at which the controller of a train that commands is killed, s; None for none."""
+    supply: str | None = None
+    """Supply network that feeds these trains; None for a source of each."""
     real: ConfigTable = {}
     """Overrides of the consist's file by dotted key, such as `brake.service.gain_ratio.low`."""
     believed: ConfigTable = {}

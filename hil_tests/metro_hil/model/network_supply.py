@@ -16,11 +16,23 @@ PLACE_STEP_M: Final = 25.0
 
 
 def supply_of(name: str, network: TrackNetwork, trips: Sequence[PlannedTrip]) -> Supply:
-    """Load a supply that feeds all tracks of the trips.
+    """Load a supply that fits the network, see `check_supply`. Raises SettingsError."""
+    supply = load_supply(name)
+    check_supply(supply, name, network, trips)
+    return supply
 
-    Raises SettingsError if it does not, or if a section lies along no track of the network.
+
+def check_supply(
+    supply: Supply, name: str, network: TrackNetwork, trips: Sequence[PlannedTrip]
+) -> None:
+    """Check that a supply feeds all tracks of the trips, and that each section feeds a track.
+
+    Raises SettingsError.
+
+    Args:
+        name: name or path of the supply in messages.
     """
-    supply, axis = load_supply(name), NetworkAxis(network)
+    axis = NetworkAxis(network)
     used = {leg.track.name: leg.track for trip in trips for leg in trip.path.legs}
     check_feeds(supply, name, (place for track in used.values() for place in _along(axis, track)))
     stretches_m = [axis.stretch_m(track.name) for track in network.tracks]
@@ -33,7 +45,6 @@ def supply_of(name: str, network: TrackNetwork, trips: Sequence[PlannedTrip]) ->
                 f"{high_m:g} m feeds no track of {network.name}, whose tracks lie from "
                 f"{first_m:g} m to {last_m:g} m"
             )
-    return supply
 
 
 def _along(axis: NetworkAxis, track: Track) -> Iterator[tuple[str, float]]:

@@ -124,6 +124,8 @@ class CaseRun:
         """True state of the train after the last step of the plant."""
         self._chain = FrameHash()
         self.rows = MemoryLog()
+        self.metered_before_j = (0.0, 0.0)
+        """Energies drawn and returned that the train's meter counted before this run."""
         self._commands = CommandLog(inertia_of(parts.scenario.train))
         self._notches = NotchLog()
         self._brake_reports = BrakeReports()
@@ -417,8 +419,10 @@ class CaseRun:
         measures["arrived_count"] = float(bench.arrived)
         foreign = bench.foreign
         metered = foreign is None or foreign.nodes.isdisjoint({Node.TCU, Node.BCU, Node.HVB})
-        measures["energy_drawn_kwh"] = power.drawn_j / J_PER_KWH if metered else None
-        measures["energy_returned_kwh"] = power.returned_j / J_PER_KWH if metered else None
+        drawn_j, returned_j = self.metered_before_j
+        drawn_j, returned_j = power.drawn_j - drawn_j, power.returned_j - returned_j
+        measures["energy_drawn_kwh"] = drawn_j / J_PER_KWH if metered else None
+        measures["energy_returned_kwh"] = returned_j / J_PER_KWH if metered else None
         measures["brake_reports_count"] = float(len(self._brake_reports.found))
         measures["controller_slips_count"] = float(getattr(bench.vobc, "slips", 0))
         measures["rejected_frames_count"] = float(sum(bench.plant.wire.refusals.values()))

@@ -25,7 +25,8 @@ def run_case(case: Case, *, files: Files = NO_FILES, folder: RunFolder | None = 
     """
     if case.bench is BenchKind.LOCKSTEP and runs_service(case):
         try:
-            several = case.setup.masters or trains_of(case.setup, files) > 1
+            setup = case.setup
+            several = setup.masters or setup.supply is not None or trains_of(setup, files) > 1
         except SettingsError as error:
             return blocked(case, error)
         run = _several() if several else run_service

@@ -108,6 +108,7 @@ def single_trip(case: Case, trip: PlannedTrip, left_s: float) -> Case:
         case.setup,
         service=None,
         trains=None,
+        supply=None,
         masters=False,
         cut_master_at_s=None,
         kill_master_at_s=None,

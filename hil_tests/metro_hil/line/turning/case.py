@@ -12,6 +12,8 @@ from firmware_py.clock.clock import WallClock
 from firmware_py.settings import SettingsError
 from firmware_py.storage.errors import RecorderError
 from firmware_py.storage.recorder import loss_text
+from firmware_py.trackdb.network import TrackNetwork
+from metro_hil.line.energy import J_PER_KWH
 from metro_hil.line.turning.conductor import Conductor
 from metro_hil.line.turning.invariants import Between
 from metro_hil.line.turning.masters import Masters, StruckMaster
@@ -21,8 +23,15 @@ from metro_hil.model.case import Case, CaseEvent, CaseResult, MonitorResult, Ver
 from metro_hil.model.case_setup import CaseParts, Files, file_name
 from metro_hil.model.end_condition import ARRIVED
 from metro_hil.model.mission import Journey
+from metro_hil.model.network_supply import supply_of
 from metro_hil.model.run_folder import RunFolder
-from metro_hil.model.service import needs_switches, read_service, service_of, trains_of
+from metro_hil.model.service import (
+    PlannedTrip,
+    needs_switches,
+    read_service,
+    service_of,
+    trains_of,
+)
 from metro_hil.run.case import DIED, DURATION, STUCK, STUCK_S, VIOLATION, CaseRun, blocked
 from metro_hil.run.lockstep import Lockstep
 from metro_hil.run.service_case import (
@@ -38,9 +47,12 @@ from metro_hil.run.service_case import (
 from plant_emulator.faults.declared_process import ControllerKilled
 from plant_emulator.faults.fitting import check_commanded
 from plant_emulator.faults.plan import FaultPlan
+from plant_emulator.power.network import Network
+from plant_emulator.power.supplies import Supply
+from plant_emulator.traffic.coupling import Books
 from plant_emulator.wayside.interlocking import SharedNetwork, SignalBox
 from plant_emulator.wayside.route_objects import check_masters
-from plant_emulator.world import TrainScenario
+from plant_emulator.world import TrainScenario, World
 from vobc.train_to_train.vocabulary import T2tConfig
 from zenoh_config.messages import MovementAuthority
 
@@ -49,6 +61,8 @@ APART: Final = "trains-apart"
 """Name of the monitor of what must hold between trains."""
 FOLLOWED: Final = "master-followed"
 """Name of the monitor of what must hold after a master was struck."""
+SOLVED: Final = "supply-solved"
+"""Name of the monitor of the supply network."""
 OF_EACH: Final = ("arrived_count", "stop_error_worst_m", "emergency_count", "energy_drawn_kwh")
 """Measures that each train has of its own, as `train_1_arrived_count`."""
 
@@ -130,6 +144,11 @@ class CaseTrain(TurningTrain):
         self._rows = self.run.rows
         return self.run.bench
 
+    def _connect(self, world: World) -> None:
+        super()._connect(world)
+        assert self.run is not None
+        self.run.metered_before_j = (world.power.drawn_j, world.power.returned_j)
+
     def _end(self, bench: Lockstep) -> None:
         run, record = self.run, self.trips[-1]
         assert run is not None
@@ -187,6 +206,7 @@ class Fleet:
             case.seed,
             case.setup.masters,
             strike_of(case.setup),
+            supply=_supply_of(case, files, first.scenario.tracks[0], trips),
         )
         self._trains: list[CaseTrain] = []
         self._reason = ""
@@ -253,6 +273,10 @@ class Fleet:
             measures |= _measures_of(self._conductor.masters)
             if self.plan.strike is not None:
                 monitors.append(_followed(self._conductor.masters.struck))
+        if self._conductor.supply is not None:
+            coupling = self._conductor.supply.coupling
+            measures |= _of_supply(coupling.books)
+            monitors.append(_solved(coupling.network))
         end = ServiceEnd(self._reason, self._conductor.record.duration_s, wall_s)
         return together(self._case, shown, end, measures, monitors)
 
@@ -297,6 +321,14 @@ def _followed(struck: StruckMaster | None) -> MonitorResult:
     )
 
 
+def _supply_of(
+    case: Case, files: Files, network: TrackNetwork, trips: Sequence[PlannedTrip]
+) -> Supply | None:
+    if case.setup.supply is None:
+        return None
+    return supply_of(file_name(case.setup.supply, files), network, trips)
+
+
 def _apart(between: Between) -> MonitorResult:
     """The result of what must hold between trains."""
     found: Sequence[str] = [
@@ -312,5 +344,29 @@ def _apart(between: Between) -> MonitorResult:
         unit="m",
         at_s=between.violations[0].at_s if found else None,
         detail="; ".join(found) if found else "" if between.checked_count else "no two trains met",
+        own=False,
+    )
+
+
+def _of_supply(books: Books) -> dict[str, float | None]:
+    """The measures of the whole supply network."""
+    return {
+        "grid_energy_kwh": books.sources_j / J_PER_KWH,
+        "resistor_energy_kwh": books.resistor_j / J_PER_KWH,
+        "lowest_voltage_v": books.lowest_v,
+    }
+
+
+def _solved(network: Network) -> MonitorResult:
+    """Whether each instant of the supply network had a solution."""
+    judged = Verdict.PASS if network.solved else Verdict.VACUOUS
+    text = f"{network.unconverged} of {network.solved} instants without a solution"
+    return MonitorResult(
+        name=SOLVED,
+        verdict=Verdict.FAIL if network.unconverged else judged,
+        margin=None,
+        unit="",
+        at_s=None,
+        detail=text,
         own=False,
     )
