@@ -129,6 +129,7 @@ def test_the_command_prints_the_energy_of_trains_on_a_supply_network(
     told = json.loads(printed.out)
     assert code == EXIT_OK
     assert told == json.loads((out / "results.json").read_text(encoding="utf-8"))
+    assert (out / "graph.png").read_bytes().startswith(b"\x89PNG")
     assert (told["supply"], told["unconverged"], len(told["trips"])) == ("stub", 0, 1)
     assert "energy balance closes within 0.0000 %" in " ".join(printed.err.split())
     (train,) = told["per_train"]

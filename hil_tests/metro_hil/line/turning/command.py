@@ -75,7 +75,7 @@ def run(options: RunOptions, console: Console) -> int:
     write_whole(folder.results, json.dumps(document, indent=2) + "\n")
     from metro_hil.line.turning import figures
 
-    figures.draw(folder.path / GRAPH, plan, record, turned)
+    figures.draw(folder.path / GRAPH, plan, record, turned, conductor.supply)
     console.print(f"train graph: {folder.path / GRAPH}", highlight=False, soft_wrap=True)
     console.print(f"run folder: {folder.path}", highlight=False, soft_wrap=True)
     if options.json:

@@ -13,28 +13,44 @@ from matplotlib.ticker import MaxNLocator
 from firmware_py.storage.whole_file import whole_file
 from firmware_py.trackdb.network import Running
 from firmware_py.trackdb.paths import TrackPlace
+from metro_hil.line.energy_figures import INK, QUIET, draw_substations, draw_voltages
 from metro_hil.line.turning.conductor import FleetRecord
 from metro_hil.line.turning.headway import Turnback
 from metro_hil.line.turning.plan import FleetPlan
+from metro_hil.line.turning.supply import FleetSupply
 from metro_hil.model.network_places import NetworkAxis
 
-INK, QUIET = "#1f2933", "#7b8794"
 KM: Final = 1000.0
 
 
-def draw(path: Path, plan: FleetPlan, record: FleetRecord, turned: list[Turnback]) -> None:
+def draw(
+    path: Path,
+    plan: FleetPlan,
+    record: FleetRecord,
+    turned: list[Turnback],
+    supply: FleetSupply | None = None,
+) -> None:
     """Draw the graph and write it as a PNG."""
     with mpl.rc_context({"font.size": 8, "axes.edgecolor": QUIET, "text.color": INK}):
-        figure = Figure(figsize=(13.0, 8.0), dpi=100, layout="constrained")
+        figure = Figure(
+            figsize=(13.0, 8.0 if supply is None else 12.0), dpi=100, layout="constrained"
+        )
         FigureCanvasAgg(figure)
         trains = "1 train" if plan.trains == 1 else f"{plan.trains} trains"
         figure.suptitle(f"{trains} on {plan.network.name}")
         shown = [each for each in turned if each.headways_s]
-        ratios = (3.0, 1.0)[: 2 if shown else 1]
+        ratios = [3.0, *([] if supply is None else [1.5, 1.5]), *([1.0] if shown else [])]
         rows = figure.subplots(len(ratios), 1, height_ratios=ratios, squeeze=False)[:, 0]
         _graph(rows[0], plan, record)
+        if supply is not None and plan.supply is not None:
+            numbers = range(1, plan.trains + 1)
+            draw_voltages(rows[1], plan.supply, [supply.volts_of(each) for each in numbers])
+            at_s = [row.at_s for row in supply.rows]
+            draw_substations(rows[2], plan.supply, at_s, [row.substations_w for row in supply.rows])
+            for axes in rows[1:3]:
+                axes.sharex(rows[0])
         if shown:
-            _headways(rows[1], plan, shown)
+            _headways(rows[-1], plan, shown)
         with whole_file(path) as part:
             figure.savefig(part)
 

@@ -1,8 +1,9 @@
 """The supply network of trains that turn round, on all tracks of their network."""
 
 import copy
-from collections.abc import Sequence
-from typing import Final, Protocol
+from collections.abc import Mapping, Sequence
+from math import nan
+from typing import Final, NamedTuple, Protocol
 
 from firmware_py.trackdb.network import TrackNetwork
 from firmware_py.trackdb.paths import TrackPlace
@@ -15,6 +16,17 @@ from plant_emulator.power.supplies import Supply
 from plant_emulator.traffic.coupling import INTERVAL_S, Books, PowerCoupling, TrainFeed
 
 NS_PER_S: Final = 1_000_000_000
+ROW_NS: Final = 1_000_000_000
+"""Time between two rows of the record."""
+
+
+class SupplyRow(NamedTuple):
+    """One instant of the supply network."""
+
+    at_s: float
+    volts: Mapping[int, float]
+    """Voltage at the pantograph of each train on the network, by its number."""
+    substations_w: tuple[float, ...]
 
 
 class FedTrain(Protocol):
@@ -43,6 +55,8 @@ class FleetSupply:
         headway_s: the service's; 0 without a timetable.
         """
         self.coupling = PowerCoupling(supply)
+        self.rows: list[SupplyRow] = []
+        """One row each second."""
         self._axis = NetworkAxis(network)
         self._at_m: dict[int, float] = {}
         """Place of each train on the network's axis in the last interval."""
@@ -64,8 +78,16 @@ class FleetSupply:
             if train.on_network or any(due):
                 loads.append(Load(self._at_m[train.number], *wish))
                 fed.append((train, due))
-        for (train, due), feed in zip(fed, self.coupling.feed(loads), strict=True):
+        feeds = self.coupling.feed(loads)
+        for (train, due), feed in zip(fed, feeds, strict=True):
             train.feed(feed, due)
+        if now_ns % ROW_NS == 0:
+            volts = {
+                train.number: feed.voltage_v
+                for (train, _), feed in zip(fed, feeds, strict=True)
+                if train.on_network
+            }
+            self.rows.append(SupplyRow(now_ns / NS_PER_S, volts, self.coupling.substations_w))
         if all(train.on_network for train in trains):
             self._note(now_ns)
 
@@ -75,6 +97,13 @@ class FleetSupply:
             self._began = now_ns, copy.copy(self.coupling.books)
         elif (now_ns - self._began[0]) % self._period_ns == 0:
             self._ended = now_ns, copy.copy(self.coupling.books)
+
+    def volts_of(self, train: int) -> tuple[list[float], list[float]]:
+        """Instants in s and voltages of a train; NaN while it is not on the network."""
+        return (
+            [row.at_s for row in self.rows],
+            [row.volts.get(train, nan) for row in self.rows],
+        )
 
     @property
     def full_service(self) -> FullService | None:

@@ -15,10 +15,17 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from firmware_py.storage.whole_file import whole_file
+from metro_hil.line.energy_figures import (
+    BURNT,
+    INK,
+    QUIET,
+    USED,
+    draw_substations,
+    draw_voltages,
+)
 from metro_hil.line.virtual.coordinator import LineRecord
 from metro_hil.line.virtual.member import LinePlan
 
-INK, QUIET, USED, BURNT = "#1f2933", "#7b8794", "#2f9e44", "#c0242b"
 KW: Final = 1000.0
 J_PER_KWH: Final = 3.6e6
 ON_TIME_S: Final = 2.0
@@ -36,8 +43,11 @@ def draw(path: Path, plan: LinePlan, record: LineRecord, law: str) -> None:
         )
         rows = figure.subplots(5, 1, height_ratios=(3.0, 2.0, 2.0, 1.4, 1.4))
         _diagram(rows[0], plan, record, time_s)
-        _voltages(rows[1], plan, record, time_s)
-        _substations(rows[2], plan, record, time_s)
+        at_s = time_s.tolist()
+        trains = range(len(plan.starts))
+        volts = [[row.answers[train].voltage_v for row in record.rows] for train in trains]
+        draw_voltages(rows[1], plan.supply, [(at_s, train_v) for train_v in volts])
+        draw_substations(rows[2], plan.supply, at_s, [row.substations_w for row in record.rows])
         _regeneration(rows[3], record)
         _lateness(rows[4], record)
         for axes in rows[:3]:
@@ -65,33 +75,6 @@ def _diagram(axes: Axes, plan: LinePlan, record: LineRecord, time_s: Numbers) ->
         )
     axes.set_ylabel("place in km")
     axes.legend(fontsize=7, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=7, frameon=False)
-
-
-def _voltages(axes: Axes, plan: LinePlan, record: LineRecord, time_s: Numbers) -> None:
-    for index in range(len(plan.starts)):
-        volts = [row.answers[index].voltage_v for row in record.rows]
-        axes.plot(time_s, volts, linewidth=0.6)
-    axes.axhline(plan.supply.no_load_v, color=INK, linewidth=0.8, linestyle="--")
-    axes.axhline(plan.supply.voltages.chops_from_v, color=BURNT, linewidth=0.8, linestyle=":")
-    axes.set_ylabel("voltage at pantographs in V")
-    axes.set_title(
-        "dashed: no load; dotted: braking resistors begin", fontsize=7, loc="right", color=QUIET
-    )
-
-
-def _substations(axes: Axes, plan: LinePlan, record: LineRecord, time_s: Numbers) -> None:
-    given_kw = np.array([row.substations_w for row in record.rows]) / KW
-    labels = [station.joint for station in plan.supply.substations]
-    if float(np.min(given_kw, initial=0.0)) >= 0.0:
-        axes.stackplot(time_s, given_kw.T, labels=labels)
-    else:
-        # An inverter returns power, and a stack has no negative parts.
-        for label, power_kw in zip(labels, given_kw.T, strict=True):
-            axes.plot(time_s, power_kw, linewidth=0.8, label=label)
-    axes.set_ylabel("substations in kW")
-    axes.set_xlabel("time in s")
-    axes.margins(y=0.15)
-    axes.legend(fontsize=7, loc="upper right", ncols=5)
 
 
 def _regeneration(axes: Axes, record: LineRecord) -> None:
