@@ -133,16 +133,7 @@ class CaseRun:
         own_port, input_age_s = hearing_of(parts.faults, places)
         later = bool(places)
         places |= {plan.kind.place for plan in parts.faults}
-        context = Context(
-            line=parts.scenario.line,
-            train=parts.scenario.train,
-            cycle_s=case.setup.cycle_ms / MS_PER_S,
-            input_age_s=input_age_s,
-            localisation_limit_m=parts.config.odometry.localisation_limit_m,
-        )
-        if command is not None:
-            # The line agrees on a maximum age of its own.
-            context = replace(context, authority_age_s=parts.config.atp.authority_age_max_s)
+        context = _context(case, parts, input_age_s=input_age_s, commanded=command is not None)
         self._monitors = MonitorSet(plans_of(case), context, own_port=own_port)
         self.bench = Lockstep(
             parts.config,
@@ -476,3 +467,18 @@ def _last_line(error: BaseException) -> str:
     if isinstance(error, ControllerDiedError):
         return str(error)
     return traceback.format_exception_only(error)[-1].strip()
+
+
+def _context(case: Case, parts: CaseParts, *, input_age_s: float, commanded: bool) -> Context:
+    """What the monitors know of the run."""
+    context = Context(
+        line=parts.scenario.line,
+        train=parts.scenario.train,
+        cycle_s=case.setup.cycle_ms / MS_PER_S,
+        input_age_s=input_age_s,
+        localisation_limit_m=parts.config.odometry.localisation_limit_m,
+    )
+    if commanded:
+        # The line agrees on a maximum age of its own.
+        context = replace(context, authority_age_s=parts.config.atp.authority_age_max_s)
+    return context
