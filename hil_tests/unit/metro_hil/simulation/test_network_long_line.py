@@ -7,18 +7,12 @@ from typing import Any
 import pytest
 
 from metro_hil.simulation import routes
-from metro_hil.simulation.long_line import LongLine, play
+from metro_hil.simulation.long_line import play
 from metro_hil.simulation.node import QueuedMessage
-
-EACH = 5
-
-
-def few_and_many() -> tuple[LongLine, LongLine]:
-    return play(5, EACH, seconds=1.0), play(9, EACH, seconds=1.0)
 
 
 def test_more_areas_give_no_train_more_messages() -> None:
-    few, many = few_and_many()
+    few, many = (play(areas, 5, seconds=1.0) for areas in (5, 9))
 
     assert many.heard_per_s <= 1.15 * few.heard_per_s
     for line in (few, many):
@@ -35,6 +29,6 @@ def test_trains_that_listen_everywhere_would_receive_the_whole_line(
         return QueuedMessage(targets, message)
 
     monkeypatch.setattr(routes, "QueuedMessage", to_all)
-    few, many = few_and_many()
+    few, many = (play(areas, 2, seconds=1.0) for areas in (5, 9))
 
     assert many.heard_per_s > 1.5 * few.heard_per_s
