@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from metro_hil.simulation.links import Weather
+from metro_hil.simulation.motion import SimulatedMotion
 from metro_hil.simulation.scripted_line import NS_PER_MS, NS_PER_S, Plot, ScriptedLine
 from vobc.train_to_train.vocabulary import Role
 from zenoh_config.messages import SpeedRestriction
@@ -20,6 +21,8 @@ FAILOVER_S: Final = 0.45
 timers A."""
 AGE_S: Final = 0.4
 """Maximum age of any authority during a planned switch."""
+REPORTED_S: Final = 2.0
+"""Time after which the master has long known that a train moves."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,20 +55,31 @@ def two_candidates(make: Make) -> None:
             scene.expect(f"one master: {roles}", roles.count(Role.MASTER) == 1)
 
 
-def at_speed(make: Make, *, trains: int = 5, **more: Any) -> tuple[ScriptedLine, int]:
-    """Return a convoy at full speed in one long area, and its master."""
+def at_speed(
+    make: Make, *, trains: int = 5, from_rest: bool = False, **more: Any
+) -> tuple[ScriptedLine, int]:
+    """Return a convoy at full speed in one long area, and its master.
+
+    Args:
+        from_rest: the trains accelerate themselves; by default they are set in motion at once.
+    """
     plot = Plot(convoy(trains), area_m=8000.0, **more)
     scene = make(plot)
     scene.settle()
-    scene.until(
-        "all run at full speed",
-        lambda: all(t.motion.speed_mps > 16.0 for t in scene.world.trains.values()),
-        within_s=120.0,
-    )
+    if not from_rest:
+        scene.until("all move", lambda: _slowest_mps(scene) > 0.0, within_s=5.0)
+        for train in scene.world.trains.values():
+            train.motion.speed_mps = plot.speed_max_mps
+        scene.run(REPORTED_S)
+    scene.until("all run at full speed", lambda: _slowest_mps(scene) > 16.0, within_s=120.0)
     scene.until("there is a standby", lambda: scene.standby() is not None, within_s=5.0)
     master = scene.master()
     assert master is not None
     return scene, master
+
+
+def _slowest_mps(scene: ScriptedLine) -> float:
+    return min(train.motion.speed_mps for train in scene.world.trains.values())
 
 
 def _new_term(scene: ScriptedLine, gone: int, old: int) -> Callable[[], bool]:
@@ -83,7 +97,7 @@ def _no_emergency(scene: ScriptedLine, *but: int) -> None:
 
 
 def master_killed(make: Make) -> None:
-    scene, master = at_speed(make)
+    scene, master = at_speed(make, from_rest=True)
     old = scene.held_term(master)
     scene.net.kill(master)
     took_s = scene.until("the followers obey a new term", _new_term(scene, master, old), within_s=5)
@@ -172,7 +186,7 @@ def _loses(kind: SwitchKind) -> Callable[[int, int, Any], int | None]:
     return lambda a, b, m: None if isinstance(m, SwitchStep) and m.kind is kind else 0
 
 
-BORDER: Final = {1: 900.0, 2: 2700.0}
+BORDER: Final = {1: 1500.0, 2: 2700.0}
 BORDER_M: Final = 2000.0
 
 
@@ -190,6 +204,22 @@ def hand_over(make: Make) -> None:
     _no_emergency(scene)
 
 
+def _stands_before_the_border(scene: ScriptedLine) -> None:
+    """Let train 1 run up to the border, and wait whether it stays there."""
+    train = scene.world.trains[1]
+    scene.until("it moves", lambda: train.motion.speed_mps > 0.0, within_s=20.0)
+    scene.stands(1)
+    scene.run(10.0)
+    scene.expect(
+        f"it stands before the border: {train.front_m:.1f} m",
+        BORDER_M - 30.0 < train.front_m <= BORDER_M and train.motion.speed_mps == 0.0,
+    )
+
+
+def _beyond(motion: SimulatedMotion, place_m: float) -> Callable[[], bool]:
+    return lambda: motion.front_m > place_m
+
+
 def hand_over_silent(make: Make) -> None:
     """No train commands the area behind the border: the train stops before it."""
     scene = make(Plot(BORDER, areas=2, area_m=BORDER_M))
@@ -197,11 +227,7 @@ def hand_over_silent(make: Make) -> None:
         scene.net.boot(address)
     scene.rule(lambda a, b, m: None if isinstance(m, LeaseAnswer) and m.area == 2 else 0)
     scene.until("train 1 has authority", lambda: scene.end_m(1) is not None, within_s=20.0)
-    scene.run(120.0)
-    front_m = scene.world.trains[1].front_m
-    scene.expect(
-        f"it stands before the border: {front_m:.1f} m", BORDER_M - 30 < front_m <= BORDER_M
-    )
+    _stands_before_the_border(scene)
     _no_emergency(scene)
 
 
@@ -210,14 +236,10 @@ def hand_over_refused(make: Make) -> None:
     scene = make(Plot(BORDER, areas=2, area_m=BORDER_M))
     scene.world.t2t.closed = (SpeedRestriction(BORDER_M, BORDER_M + 100.0, 1.0),)
     scene.settle()
-    scene.run(120.0)
-    front_m = scene.world.trains[1].front_m
-    scene.expect(
-        f"it stands before the border: {front_m:.1f} m", BORDER_M - 30 < front_m <= BORDER_M
-    )
+    _stands_before_the_border(scene)
     scene.world.t2t.closed = ()
-    scene.run(60.0)
-    scene.expect("it went on", scene.world.trains[1].front_m > BORDER_M + 100.0)
+    motion = scene.world.trains[1].motion
+    scene.until("it went on", _beyond(motion, BORDER_M + 100.0), within_s=60.0)
     _no_emergency(scene)
 
 
@@ -238,9 +260,9 @@ def radio_lost(make: Make) -> None:
         scene.expect("it stands", scene.world.trains[train].motion.speed_mps == 0.0)
         scene.net.heal(pairs)
         scene.until("all have authority again", scene.all_held, within_s=20.0)
-        before_m = scene.world.trains[train].front_m
-        scene.run(30.0)
-        scene.expect("it runs again", scene.world.trains[train].front_m > before_m + 50.0)
+        motion = scene.world.trains[train].motion
+        goal_m = motion.front_m + 50.0
+        scene.until("it runs again", _beyond(motion, goal_m), within_s=30.0)
 
 
 def hidden_train(make: Make) -> None:
@@ -269,9 +291,7 @@ def _draw_up_to_a_border(make: Make, *, commanded: bool) -> None:
     for address in scene.others(2):
         scene.net.boot(address)
     scene.until("train 1 has authority", lambda: scene.end_m(1) is not None, within_s=20.0)
-    scene.run(60.0)
-    front_m = scene.world.trains[1].front_m
-    scene.expect(f"it drew up to the border: {front_m:.1f} m", front_m > BORDER_M - 30.0)
+    _stands_before_the_border(scene)
     scene.roll_back(2, 2.0)
     scene.run(10.0)
 
