@@ -25,6 +25,7 @@ ON_COPY: Final = frozenset(
         "test_bench_as_a_whole",
         "test_case_runs",
         "test_closed_loop_florence",
+        "test_controllers_of_cases",
         "test_faults_leave_no_trace",
         "test_hil_acceptance",
         "test_odometry_truth",

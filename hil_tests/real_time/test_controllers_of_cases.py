@@ -293,6 +293,7 @@ def test_a_test_observes_the_death_of_a_controller_and_the_run_goes_on(
     assert "in the brake curve" in result.reason
 
 
+@pytest.mark.sources
 def test_a_bench_error_leaves_no_process_behind(
     spoiled: Spoiled, monkeypatch: pytest.MonkeyPatch
 ) -> None:
