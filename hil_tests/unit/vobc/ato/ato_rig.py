@@ -148,6 +148,7 @@ class Rig:
         self.jog_permitted = True
         self.jog_to_tag = False
         self.jog_back_m = 0.0
+        self.ahead_m = 0.0
         # Localisation: position = anchor + counted * scale. Each has its own standard deviation.
         self.anchor_m, self.anchor_count_m = start_m, 0.0
         self.anchor_sigma_m = 0.02
@@ -297,6 +298,7 @@ class Rig:
             jog_permitted=self.jog_permitted,
             jog_to_tag=self.jog_to_tag,
             jog_back_m=self.jog_back_m,
+            ahead_m=self.ahead_m,
             **self.orders,
         )
         demand = self.ato.step(seen)
