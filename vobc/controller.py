@@ -5,7 +5,7 @@ from typing import Final, Protocol
 
 from can_dbc.cab import CabMode
 from can_dbc.doors import DoorState, DoorStatus
-from can_dbc.vobc import Inhibit, Missing, Supervision
+from can_dbc.vobc import Inhibit, Missing, OperatingMode, Supervision
 from firmware_py.trackdb import LineMap
 from vobc.arbitration import BRAKED_DEMAND, arbitrate, inertia_kg, manual_demand, most_accel_mps2
 from vobc.ato import Ato, current_loop
@@ -40,6 +40,9 @@ VAGUE_RATIO: Final = 1.5
 """Reduction of the ceiling relative to the uncertainty, which grows while the train brakes."""
 VAGUE_SLOPE: Final = 4.0
 """Growth of the reduction from `COVERED_MPS` on. It keeps the ceiling free of steps."""
+STRONG_MPS2: Final = 1.0
+"""Guaranteed emergency brake rate from which the braking of each law stays below the permitted
+speed by its own curves."""
 SUPPLY_AGE_MAX_S: Final = 0.5
 """Greatest age of a voltage: five periods of the high-voltage box."""
 
@@ -81,6 +84,7 @@ class Controller:
         self._operation = operation or Ato(
             _within_service_brake(config), line, mission.start.stop_m, mission.stops
         )
+        self._looks_ahead = config.atp.guaranteed_decel_mps2 < STRONG_MPS2
         self._neutral = NeutralSections(config, line)
         self._hold = ZoneHold(config, line)
         self._evacuation = EvacuationHold(config, line)
@@ -191,7 +195,7 @@ class Controller:
             gradient_permille=self._line.mean_gradient_permille(
                 front_m - self._train.length_m, front_m
             ),
-            ceiling_mps=verdict.ceiling.permitted_mps - _vague_mps(motion.speed_mps),
+            ceiling_mps=self._usable_mps(inputs, motion, verdict) - _vague_mps(motion.speed_mps),
             authority_end_m=self._usable_end_m(inputs, motion),
             load_kg=self._weighed_kg,
             traction_ratio=traction_ratio,
@@ -217,6 +221,18 @@ class Controller:
             slips=motion.adhesion_lost,
             line_voltage_v=_line_voltage_v(inputs),
         )
+
+    def _usable_mps(self, inputs: CycleInput, motion: Motion, verdict: ProtectionVerdict) -> float:
+        """Permitted speed for operation: with a weak emergency brake also that at the place where
+        a brake demand of now acts fully.
+        """
+        assert verdict.ceiling is not None
+        here_mps = verdict.ceiling.permitted_mps
+        if not self._looks_ahead or verdict.mode is not OperatingMode.AUTHORISED:
+            return here_mps
+        way_m = max(0.0, motion.speed_mps.best) * self._config.ato.brake_acts_s
+        ahead_mps = self._protection.permitted_ahead_mps(inputs, motion.front_m, way_m)
+        return min(here_mps, ahead_mps)
 
     def _usable_end_m(self, inputs: CycleInput, motion: Motion) -> float:
         """End of the authority that operation may use: the zones of the line may take it back."""

@@ -163,6 +163,16 @@ class Protection:
         inputs = self._move_on(motion, inputs._replace(mode=self._mode, ceiling=ceiling))
         return self._verdict(image, motion, station, inputs)
 
+    def permitted_ahead_mps(self, image: CycleInput, front_m: Interval, way_m: float) -> float:
+        """Permitted speed of full supervision `way_m` ahead of here, for operation. It supervises
+        nothing.
+        """
+        orders = image.orders
+        there_m = Interval(front_m.low + way_m, front_m.best + way_m, front_m.high + way_m)
+        restrictions = () if orders is None else orders.restrictions
+        end_m = self._end_m(image, front_m)
+        return self._ceilings.at(there_m, end_m, restrictions).permitted_mps
+
     # Inputs.
 
     def _fresh_orders(self, image: CycleInput) -> Orders | None:
@@ -184,9 +194,8 @@ class Protection:
         """Ceiling of full supervision. The second computation checks it from the same inputs."""
         if not motion.localised:
             return _CheckedCeiling(NOWHERE, replicas_disagree=False, energy_exceeded=False)
-        orders, authority, front_m = image.orders, image.authority, motion.front_m
-        # Nothing is permitted beyond the map, whatever the wayside believes.
-        end_m = front_m.low if authority is None else min(authority.end_m, self._line_end_m)
+        orders, front_m = image.orders, motion.front_m
+        end_m = self._end_m(image, front_m)
         restrictions = () if orders is None else orders.restrictions
         full = self._ceilings.at(front_m, end_m, restrictions)
         agree = self._replicas.agree(
@@ -195,6 +204,11 @@ class Protection:
         return _CheckedCeiling(
             full, replicas_disagree=not agree, energy_exceeded=self._replicas.exceeded
         )
+
+    def _end_m(self, image: CycleInput, front_m: Interval) -> float:
+        """End of authority. Nothing is permitted beyond the map, whatever the wayside believes."""
+        authority = image.authority
+        return front_m.low if authority is None else min(authority.end_m, self._line_end_m)
 
     def _guard_inputs(
         self,

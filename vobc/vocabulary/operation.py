@@ -21,6 +21,8 @@ class AtoInput:
     gradient_permille: float
     """Mean gradient under the train now."""
     ceiling_mps: float
+    """Permitted speed. If the guaranteed emergency brake is weak, it is at most the permitted speed
+    where a brake demand of now will act."""
     authority_end_m: float
     load_kg: float
     traction_ratio: float

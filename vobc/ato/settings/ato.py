@@ -14,6 +14,8 @@ from vobc.ato.settings.timing import Timing
 
 MAX_DEAD_TIMES: Final = 24
 """Greatest number of brake-delay hypotheses. It bounds the computing time of a cycle."""
+LEAST_GAIN_PER_S: Final = 0.1
+"""Least gain of a PID that follows a falling speed at all."""
 WEAK_RATIO: Final = -0.16
 """Default of `Braking.weak_ratio`: two standard deviations of the gains of usual brakes."""
 
@@ -340,6 +342,18 @@ class AtoConfig:
     power_limited: PowerLimited = field(default_factory=PowerLimited)
     chasing: ChasingScheme = field(default_factory=ChasingScheme)
     output: OutputStage = field(default_factory=OutputStage)
+
+    @property
+    def brake_acts_s(self) -> float:
+        """Time within which the train follows a speed that begins to fall, also the first time.
+
+        The printed PIDs without feed-forward follow it later by the inverse of their gain.
+        """
+        brake, printed = self.brake, self.pid_literal
+        acts_s = brake.first_dead_time_s + brake.lag_s + self.traction.smoothing_s
+        if self.strategy == "pid_literal" and not printed.feed_forward:
+            acts_s += 1.0 / max(LEAST_GAIN_PER_S, printed.falling.kp_per_s)
+        return acts_s
 
     def __post_init__(self) -> None:
         _positive(train_length_m=self.train_length_m)
