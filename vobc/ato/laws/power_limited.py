@@ -88,6 +88,7 @@ class PowerLimitedRun(OverPredictive):
             return free
         self._advance(inputs, target)
         if self.stage is RunStage.COASTING:
+            self._drives.coast()
             # Slowing for a limit or the ceiling has priority.
             slows = free.accel_mps2 < -HOLDING_MPS2
             return Drive(free.accel_mps2 if slows else 0.0, free.reference_mps, False)

@@ -458,6 +458,13 @@ class Predictive:
 
     # Cruising.
 
+    def coast(self) -> None:
+        """A law above this one coasts: the reference does not accelerate. Otherwise the train would
+        brake sooner for its stop, as if traction had to end first.
+        """
+        if self._governor.accel_mps2 > 0.0:
+            self._resume_cruise(0.0)
+
     def _resume_cruise(self, accel_mps2: float) -> None:
         self._governor.restart(max(0.0, self._model.speed_mps), accel_mps2)
         self._pid.reset()

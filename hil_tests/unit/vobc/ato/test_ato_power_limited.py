@@ -157,6 +157,28 @@ def test_more_weight_brakes_longer_with_less_power_at_the_same_time() -> None:
     assert gentle.leg_s == pytest.approx(saving.leg_s, abs=2.5)
 
 
+def test_the_reference_of_a_coasting_train_does_not_accelerate() -> None:
+    """Otherwise the stop's braking begins some 25 m too early, as if traction had to end first."""
+    line = line_with(IV=105.0)
+    stops = [dataclasses.replace(line.station("IV"), dwell_s=2.0)]
+    config = dataclasses.replace(with_weight(0.0), strategy="power_limited")
+    ato = Ato(config, line, 3500.0, stops)
+    rig = ato_rig.Rig(ato, line, ato_rig.RigSettings(seed=3, start_scale_known=True), 3500.0)
+    accels_mps2: dict[RunStage, list[float]] = {stage: [] for stage in RunStage}
+
+    def watch(now: ato_rig.Rig) -> bool:
+        law = ato.strategy
+        if isinstance(law, PowerLimitedRun):
+            accels_mps2[law.stage].append(law._drives._governor.accel_mps2)
+        return len(now.stops) >= 1
+
+    rig.run(watch)
+
+    assert max(accels_mps2[RunStage.GAINING]) > 0.5
+    assert len(accels_mps2[RunStage.COASTING]) > 100
+    assert max(accels_mps2[RunStage.COASTING]) <= 0.0
+
+
 def test_without_a_timetable_it_is_as_fast_as_the_predictive_law() -> None:
     free, shares, stages = ride(None, CONFIG)
 
