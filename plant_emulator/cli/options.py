@@ -108,6 +108,13 @@ def _add_wayside(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -
     )
     wayside.add_argument("--line", default="loop", metavar="NAME|FILE", help="default: loop")
     wayside.add_argument(
+        "--routes",
+        type=_routes,
+        metavar="A,B,...",
+        help="the line is a network, and trains run over these of its routes: each is a line of "
+        "masters, and the interlocking sets the routes",
+    )
+    wayside.add_argument(
         "--line-radio", default=LINE_ENDPOINT, metavar="ENDPOINT", help="default: %(default)s"
     )
     wayside.add_argument(
@@ -141,6 +148,10 @@ def _add_wayside(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -
         metavar="SECONDS",
         help="end after this time",
     )
+
+
+def _routes(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
 def _add_train(group: argparse._ArgumentGroup) -> None:

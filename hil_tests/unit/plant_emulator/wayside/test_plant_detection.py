@@ -8,7 +8,7 @@ import pytest
 from firmware_py.ports import RadioMessage
 from firmware_py.trackdb.areas import load_areas
 from plant_emulator.cli import main
-from plant_emulator.cli.line_wayside import REFUSED_EVERY, RefusalNotes
+from plant_emulator.cli.wayside_parts import REFUSED_EVERY, RefusalNotes
 from plant_emulator.wayside.detection import TRAINS_MAX, Detection, Place, key_of, packed
 from vobc.cli.command import main as vobc
 
