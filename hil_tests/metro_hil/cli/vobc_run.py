@@ -100,6 +100,10 @@ def _complain(error: Exception | str, code: int) -> int:
 
 
 def _run(options: RunOptions, console: Console) -> int:
+    if options.is_networked:
+        from metro_hil.line.turning import networked_command
+
+        return networked_command.run(options, console)
     fleet = options.masters or options.trains is not None or options.supply is not None
     if options.service is not None and (fleet or several(options.service)):
         from metro_hil.line.turning import command as turning_run

@@ -147,6 +147,11 @@ class RunOptions:
     """Whether a plot is drawn; None: unless --json is given."""
 
     @property
+    def is_networked(self) -> bool:
+        """Whether this is one train of a network in real time."""
+        return self.train is not None and self.service is not None
+
+    @property
     def by_hand(self) -> tuple[str, ...]:
         """What a viewer of the page may do while the train runs: desk, faults or both."""
         allowed = {DESK: self.desk == BROWSER, FAULTS: self.allow_faults}
@@ -200,7 +205,7 @@ def _add_journey(run: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--service",
         metavar="FILE",
-        help="make the trips of this service one after the other, with --lockstep",
+        help="make the trips of this service one after the other, with --lockstep or --train",
     )
     group.add_argument(
         "--consist",
@@ -447,7 +452,7 @@ def trains_problem(options: RunOptions) -> str:
         return "--traffic: not with --service, whose file gives the headway"
     if options.watch:
         return "--watch: not with --trains; `vobc watch` shows the folder of one of the trains"
-    if not options.lockstep:
+    if not (options.lockstep or options.is_networked):
         return (
             "--trains: with --lockstep only; in real time `plant run --trains` serves the trains, "
             "and each has a `vobc run --bus` of its own"
@@ -485,8 +490,13 @@ def trips_problem(options: RunOptions) -> str:
     if options.and_back is None and options.service is None:
         return ""
     name = "--and-back" if options.service is None else "--service"
+    if options.is_networked:
+        return networked_problem(options)
     if not options.lockstep:
-        return f"{name}: with --lockstep only; in real time start one run for each direction"
+        return (
+            f"{name}: with --lockstep only; in real time start one run for each direction, or one "
+            "for each train of a network by --train and --service"
+        )
     if options.trains is not None and options.service is None:
         return f"{name}: not with --trains, where the line's traffic file decides it"
     if options.watch:
@@ -496,6 +506,33 @@ def trips_problem(options: RunOptions) -> str:
     if options.duration_s is not None:
         return f"{name}: not with --duration, because the train must arrive to go on"
     return ""
+
+
+def networked_problem(options: RunOptions) -> str:
+    """Error text if an option does not fit one train of a network in real time; else empty."""
+    given = {
+        "--bus": options.bus != "auto",
+        "--plant": options.plant != "auto",
+        "--tags": options.tags != "auto",
+        "--radio": options.radio != "auto",
+        "--desk": options.desk != "auto",
+        "--driver": options.driver is not None,
+        "--desk-recording": options.desk_recording is not None,
+        "--watch": options.watch,
+        "--duration": options.duration_s is not None,
+        "--line-peer": options.line_peer is not None,
+        "--secure": options.secure is not None,
+        "--memory": options.memory is not None,
+        "--supply": options.supply is not None,
+        "--kill-master-at": options.kill_master_at_s is not None,
+        "--cut-master-at": options.cut_master_at_s is not None,
+    }
+    asked = [name for name, is_given in given.items() if is_given]
+    return (
+        f"{asked[0]}: not with --train and --service, where one program has train and controller"
+        if asked
+        else ""
+    )
 
 
 def masters_problem(options: RunOptions) -> str:

@@ -202,7 +202,7 @@ class MasterPath:
         radio = LineRadio(core, self.areas.name, store.put, database=self._database)
         if train not in self._ports:
             self._ports[train] = self.air.port(name_of(train), ())
-        port = _ShiftedPort(self._ports[train], began_ns)
+        port = ShiftedPort(self._ports[train], began_ns)
         port.listen(radio.subscriptions)
         self.departed.enters(train)
         self.radios[train], self._began_ns[train] = radio, began_ns
@@ -259,10 +259,10 @@ def name_of(train: int) -> str:
     return f"train {train}"
 
 
-class _ShiftedPort:
+class ShiftedPort:
     """A port of the network's radio for a train whose clock began later."""
 
-    def __init__(self, port: InprocRadioPort, began_ns: int) -> None:
+    def __init__(self, port: TunableRadioPort, began_ns: int) -> None:
         self._port, self._began_ns = port, began_ns
 
     @property

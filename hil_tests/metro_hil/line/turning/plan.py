@@ -124,7 +124,8 @@ def plan_fleet(options: RunOptions) -> FleetPlan:
     tracks = trips[0].scenario.tracks
     if tracks is None:
         raise SettingsError(f"{options.service}: {needs_switches(trains, service.line)}")
-    if options.masters:
+    masters = options.masters or options.is_networked
+    if masters:
         departures = [(each.trip.path, each.trip.start) for each in trips]
         check_masters(tracks[0], departures, str(options.service))
     return FleetPlan(
@@ -134,7 +135,7 @@ def plan_fleet(options: RunOptions) -> FleetPlan:
         trains,
         tuple(trips),
         options.seed,
-        options.masters,
+        masters,
         strike_of(options),
         None if options.supply is None else supply_of(options.supply, tracks[0], planned),
     )

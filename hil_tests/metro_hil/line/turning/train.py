@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final
+from typing import Final, Protocol
 
 from can_dbc.vobc import Supervision
+from firmware_py.trackdb import LineMap
 from firmware_py.trackdb.paths import TrackPlace
-from metro_hil.line.turning.masters import Masters
 from metro_hil.line.turning.plan import FleetPlan
 from metro_hil.metrics.case import MemoryLog
 from metro_hil.metrics.stops import StationStop, measure_stops
@@ -26,6 +26,7 @@ from plant_emulator.wayside.interlocking import (
 )
 from plant_emulator.wayside.separation import REAR_M
 from plant_emulator.world import STEP_NS, TrainScenario, World
+from vobc.config import VobcConfig
 from vobc.process.line_command import LineCommand
 
 NS_PER_S: Final = 1_000_000_000
@@ -70,6 +71,16 @@ class TripRecord:
     frames: int = 0
 
 
+class MastersOfTrain(Protocol):
+    """The lines of masters in which a train takes part."""
+
+    def config_of(self, config: VobcConfig, train: int) -> VobcConfig: ...
+
+    def enter(self, line: LineMap, config: VobcConfig, began_ns: int) -> LineCommand: ...
+
+    def leave(self, path: str, train: int) -> None: ...
+
+
 class TurningTrain:
     """A train with its controller, plant and bus; each trip has a bench of its own."""
 
@@ -79,7 +90,7 @@ class TurningTrain:
         number: int,
         box: SignalBox,
         folder: Path | None = None,
-        masters: Masters | None = None,
+        masters: MastersOfTrain | None = None,
     ) -> None:
         """Args:
         number: from 1.
@@ -128,6 +139,12 @@ class TurningTrain:
     @property
     def moving(self) -> bool:
         return self.bench is not None and self.bench.plant.world.speed_mps != 0.0
+
+    @property
+    def wait_s(self) -> float:
+        """Time until a train that masters command may depart; 0 once that is over."""
+        assert self.bench is not None
+        return max(0.0, (self._departs_ns - self.bench.clock.now_ns()) / NS_PER_S)
 
     @property
     def interlocking(self) -> Interlocking:

@@ -38,6 +38,9 @@ from zenoh_config.sessions import LINE_ENDPOINT
     [
         (["--lockstep", "--desk", "external"], "`plant desk` cannot drive in virtual time"),
         (["--lockstep", "--bus", "nosuch"], "--bus: not with --lockstep"),
+        (["--service", "s.toml"], "--service: with --lockstep only; in real time"),
+        (["--service", "s.toml", "--train", "1", "--desk", "manual"], "--desk: not with --train"),
+        (["--service", "s.toml", "--train", "1", "--line-peer"], "--line-peer: not with --train"),
         (["--lockstep", "--plant", "none"], "--plant: not with --lockstep"),
         (["--lockstep", "--tags", "/dev/ttyUSB0"], "--tags: not with --lockstep"),
         (["--lockstep", "--radio", "tcp/127.0.0.1:7447"], "--radio: not with --lockstep"),

@@ -1,0 +1,338 @@
+"""One train of a service in real time: its own program, with masters and wayside over zenoh.
+
+The program has the train with its bus and its controller. Their time is that of the machine: they
+never run ahead of it, and catch up after a delay. So a message is received at the instant at which
+it arrived, and the age of an authority is true.
+"""
+
+from collections.abc import Callable, Collection, Iterable, Sequence
+from contextlib import closing
+from dataclasses import replace
+from math import inf
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from firmware_py.clock.clock import Clock, WallClock
+from firmware_py.clock.realtime import collect_garbage, enter_realtime
+from firmware_py.interrupts import never
+from firmware_py.ports import LinkCounters, RadioMessage, TunableRadioPort
+from firmware_py.radio.zenoh_radio import SessionRole, open_radio
+from firmware_py.storage.checked_store import CheckedStore
+from firmware_py.trackdb import LineMap
+from firmware_py.trackdb.network import TrackNetwork
+from firmware_py.trackdb.paths import Path as TrackPath
+from firmware_py.trackdb.version import database_version
+from metro_hil.line.turning.masters import AXLES, ShiftedPort
+from metro_hil.line.turning.plan import FleetPlan
+from metro_hil.line.turning.train import TurningTrain
+from metro_hil.model.end_condition import ARRIVED, INTERRUPTED
+from metro_hil.run.lockstep import Lockstep
+from plant_emulator.wayside.interlocking import SignalBox
+from plant_emulator.wayside.network_places import (
+    TrainPlace,
+    TrainPresence,
+    WaysideAnswer,
+    key_of_answer,
+    key_of_place,
+    read_answer,
+)
+from plant_emulator.wayside.route_objects import divided, shared_tracks
+from vobc.config import VobcConfig
+from vobc.process.line_command import LineCommand, commanded
+from vobc.train_to_train.train import TrainCore
+from vobc.train_to_train.vocabulary import Role, T2tConfig, TrainMemory
+from vobc.wire.line_radio import LineRadio
+
+STEP_NS: Final = 10_000_000
+"""Time for which the train runs between two looks at the clock."""
+PLACE_NS: Final = 50_000_000
+"""Time between two reports of the train's place, in which the wayside also sets routes."""
+ASK_NS: Final = 200_000_000
+"""Time between two questions of a train that is not on the network."""
+FAREWELL_NS: Final = 2_000_000_000
+"""Time for the wayside to confirm that it knows that the train is gone."""
+GARBAGE_NS: Final = 1_000_000_000
+"""Time between two garbage collections, because a real-time run disables the automatic one."""
+INBOX_MESSAGES: Final = 8192
+NS_PER_S: Final = 1_000_000_000
+
+
+class NetworkSession:
+    """The train's session, by the time of the network. Answers of the wayside are kept apart."""
+
+    def __init__(self, radio: TunableRadioPort, network: str, train: int, clock: Clock) -> None:
+        self.counters: LinkCounters = radio.counters
+        self.zero_ns: int | None = None
+        """Time of the clock at which that of the network was 0; None before the first answer."""
+        self.newest: WaysideAnswer | None = None
+        """The newest answer of the wayside."""
+        self._runs = False
+        self._radio, self._clock = radio, clock
+        self._place, self._answer = key_of_place(network, train), key_of_answer(network, train)
+        self._waiting: list[RadioMessage] = []
+
+    @property
+    def now_ns(self) -> int:
+        """Time of the network. Call it after the first answer."""
+        assert self.zero_ns is not None
+        return self._clock.now_ns() - self.zero_ns
+
+    def listen(self, subscriptions: Collection[str]) -> None:
+        self._radio.listen((self._answer, *subscriptions))
+
+    def send(self, now_ns: int, key: str, payload: bytes) -> None:
+        self._radio.send(self._clock.now_ns(), key, payload)
+
+    def receive(self, now_ns: int) -> Sequence[RadioMessage]:
+        """Messages that arrived up to an instant of the network."""
+        self.take()
+        due = [each for each in self._waiting if each.stamp_ns <= now_ns]
+        self._waiting = [each for each in self._waiting if each.stamp_ns > now_ns]
+        return due
+
+    def take(self) -> None:
+        """Receive, and evaluate answers of the wayside."""
+        for message in self._radio.receive(self._clock.now_ns()):
+            if message.key == self._answer:
+                answer = read_answer(message)
+                if answer is not None:
+                    self.newest = answer
+                    self._set_zero(message.stamp_ns - answer.now_ns)
+            elif self.zero_ns is not None:
+                stamp_ns = message.stamp_ns - self.zero_ns
+                self._waiting.append(message._replace(stamp_ns=stamp_ns))
+
+    @property
+    def enters(self) -> bool:
+        """Whether the wayside keeps room for the train."""
+        return self.newest is not None and self.newest.enters
+
+    def waits(self, trip: int) -> bool:
+        """Whether a standing train does not depart yet; so until the answer to its trip."""
+        return self.newest is None or self.newest.trip != trip or self.newest.waits
+
+    def _set_zero(self, zero_ns: int) -> None:
+        """Take the least difference, that of the fastest answer, until the train runs."""
+        if not self._runs:
+            self.zero_ns = zero_ns if self.zero_ns is None else min(self.zero_ns, zero_ns)
+
+    def tell(self, place: TrainPlace) -> None:
+        """Report the true place of the train to the wayside."""
+        self._runs = self._runs or place.presence is TrainPresence.PRESENT
+        self._radio.send(self._clock.now_ns(), self._place, msgspec.json.encode(place))
+
+    def close(self) -> None:
+        """Do nothing: the program closes its session at its end."""
+
+
+class NetworkedMasters:
+    """The part of one train in the lines of all paths of its service."""
+
+    def __init__(
+        self,
+        network: TrackNetwork,
+        paths: Iterable[TrackPath],
+        t2t: T2tConfig,
+        radio: NetworkSession,
+        *,
+        boot: int,
+    ) -> None:
+        """Args:
+        boot: number of starts of the train; it must increase with every start.
+        """
+        self._t2t, self._port = t2t, radio
+        self._paths = {path.line.name: path for path in paths}
+        self.shared = shared_tracks(self._paths.values())
+        self._areas = {
+            name: divided(network, path, self.shared) for name, path in self._paths.items()
+        }
+        self._stores = {name: CheckedStore(None, TrainMemory) for name in self._paths}
+        self._boot = boot
+        self.radio: LineRadio | None = None
+        """The part of the train in the line of its present path."""
+
+    def config_of(self, config: VobcConfig, train: int) -> VobcConfig:
+        return replace(commanded(config, self._t2t.timers), address=train)
+
+    def enter(self, line: LineMap, config: VobcConfig, began_ns: int) -> LineCommand:
+        """The part of the train in the line of the path that it enters."""
+        radio, port = self.join(line.name, config.address, began_ns)
+        return LineCommand(radio, port, config, line, axles=AXLES)
+
+    def join(self, name: str, train: int, began_ns: int) -> tuple[LineRadio, TunableRadioPort]:
+        """The core of the train in the line of a path, and its port by the time of its trip."""
+        store = self._stores[name]
+        memory = store.value or TrainMemory(boot=self._boot)
+        core = TrainCore(self._t2t, self._areas[name], address=train, memory=memory, start_ns=0)
+        database = database_version(self._paths[name].line)
+        radio = self.radio = LineRadio(core, name, store.put, database=database)
+        port = ShiftedPort(self._port, began_ns)
+        port.listen(radio.subscriptions)
+        return radio, port
+
+    def leave(self, path: str, train: int) -> None:
+        """The train sends and receives nothing on this path any more."""
+        self.radio = None
+        self._port.listen(())
+
+    def commands(self) -> tuple[int, ...]:
+        """Numbers of the areas that the train commands."""
+        roles = {} if self.radio is None else self.radio.roles
+        return tuple(area for area, role in sorted(roles.items()) if role is Role.MASTER)
+
+
+class _WaitingTrain(TurningTrain):
+    """A train that departs only when the wayside lets it, because its box knows no other train."""
+
+    session: NetworkSession
+
+    def _be_commanded(self, bench: Lockstep, command: LineCommand) -> None:
+        super()._be_commanded(bench, command)
+        waits = self.session.waits(self.trips[-1].index)
+        command.waits = command.waits or (not self.moving and waits)
+
+
+class NetworkedTrain:
+    """A train of a service that runs in real time."""
+
+    def __init__(
+        self,
+        plan: FleetPlan,
+        number: int,
+        folder: Path | None,
+        t2t: T2tConfig,
+        endpoint: str,
+        told: Callable[[str], None],
+    ) -> None:
+        """Args:
+        endpoint: address of the wayside.
+        told: receives a line of text about what happens.
+
+        Raises RadioError for an invalid endpoint.
+        """
+        clock = WallClock()
+        self._plan, self._clock, self._told = plan, clock, told
+        self._session = open_radio(
+            SessionRole.TRAIN,
+            endpoint,
+            (key_of_answer(plan.network.name, number),),
+            clock,
+            inbox_messages=INBOX_MESSAGES,
+        )
+        self._radio = NetworkSession(self._session, plan.network.name, number, clock)
+        paths = {each.trip.path.line.name: each.trip.path for each in plan.trips}
+        self._masters = NetworkedMasters(
+            *(plan.network, paths.values(), t2t, self._radio),
+            boot=clock.epoch_ns() // NS_PER_S,
+        )
+        # The interlocking is that of the wayside. This copy of it has no other train, and nothing
+        # that it sets has an effect on the network.
+        box = SignalBox(plan.network)
+        box.shared = self._masters.shared
+        self.train = _WaitingTrain(plan, number, box, folder, self._masters)
+        self.train.session = self._radio
+        self.late_s = 0.0
+        """Greatest delay of the train behind the clock."""
+        self.entered_ns = 0
+        """Time of the network at which the train entered."""
+        self._commands: tuple[int, ...] = ()
+
+    def run(self, interrupted: Callable[[], bool] = never, *, priority: int = 0) -> str:
+        """Make all trips, and return how that ended.
+
+        Args:
+            priority: SCHED_FIFO priority if the host permits it; 0: none.
+        """
+        if priority:
+            enter_realtime(priority)
+        with closing(self._session), closing(self.train):
+            if not self._enter(interrupted):
+                return INTERRUPTED
+            now_ns = self.entered_ns
+            while not self.train.gone:
+                if interrupted():
+                    return INTERRUPTED
+                now_ns += STEP_NS
+                zero_ns = self._radio.zero_ns
+                assert zero_ns is not None
+                self._clock.wait_until(zero_ns + now_ns)
+                self.late_s = max(self.late_s, (self._radio.now_ns - now_ns) / NS_PER_S)
+                self._advance(now_ns)
+                if priority and (now_ns - self.entered_ns) % GARBAGE_NS == 0:
+                    collect_garbage(now_ns)
+            self._take_leave()
+        return ARRIVED
+
+    def _enter(self, interrupted: Callable[[], bool]) -> bool:
+        """Wait until the train is due and has room; False after an interrupt."""
+        radio, due_ns, asked_ns = self._radio, self._plan.due_ns(self.train.number, 0), -inf
+        while not interrupted():
+            is_due = radio.zero_ns is not None and radio.now_ns >= due_ns
+            if is_due and radio.enters:
+                self.entered_ns = radio.now_ns
+                self._told("enters the network")
+                return self.train.enter(self.entered_ns)
+            now_ns = self._clock.now_ns()
+            if now_ns >= asked_ns + ASK_NS:
+                asked_ns = now_ns
+                radio.tell(self._first_place(TrainPresence.DUE if is_due else TrainPresence.AHEAD))
+            self._clock.wait_until(now_ns + STEP_NS)
+            radio.take()
+        return False
+
+    def _advance(self, now_ns: int) -> None:
+        train, trips = self.train, len(self.train.trips)
+        ended = [trip.ended_s is not None for trip in train.trips]
+        train.advance(now_ns)
+        for trip, was_ended in zip(train.trips, ended, strict=False):
+            if trip.ended_s is not None and not was_ended:
+                error_m = trip.stops[-1].error_m if trip.stops else None
+                stop = "" if error_m is None else f", stop error {100.0 * error_m:+.1f} cm"
+                self._told(f"arrives at {trip.end} after {trip.ended_s - trip.began_s:.1f} s{stop}")
+        if len(train.trips) > trips:
+            trip = train.trips[-1]
+            how = "changes ends" if trip.turned else "goes on"
+            self._told(f"{how} at {trip.start}, trip {trip.index + 1} of {len(self._plan.trips)}")
+        commands = self._masters.commands()
+        if commands != self._commands:
+            self._commands = commands
+            areas = ", ".join(str(area) for area in commands) or "none"
+            self._told(f"commands areas: {areas}")
+        if train.bench is not None and (now_ns - self.entered_ns) % PLACE_NS == 0:
+            self._radio.tell(self._present_place(now_ns))
+
+    def _first_place(self, presence: TrainPresence) -> TrainPlace:
+        trip = self._plan.trips[0]
+        front_m, length_m = trip.scenario.start.stop_m, trip.scenario.train.length_m
+        stops_m = tuple(stop.stop_m for stop in trip.journey.stops)
+        return TrainPlace(
+            *(presence, 0, trip.trip.path.line.name, front_m, front_m - length_m, front_m),
+            *(trip.journey.end.stop_m, stops_m, trip.trip.layover_s),
+        )
+
+    def _present_place(self, now_ns: int) -> TrainPlace:
+        train, record = self.train, self.train.trips[-1]
+        trip, front_m = self._plan.trips[record.index], train.place_m
+        rear_m, end_m = front_m - trip.scenario.train.length_m, train.authority_end_m
+        return TrainPlace(
+            presence=TrainPresence.PRESENT,
+            trip=record.index,
+            path=trip.trip.path.line.name,
+            front_m=front_m,
+            rear_m=rear_m,
+            end_m=front_m if end_m is None else end_m,
+            to_m=trip.journey.end.stop_m,
+            stops_m=tuple(stop.stop_m for stop in trip.journey.stops),
+            wait_s=train.wait_s,
+            at_s=now_ns / NS_PER_S,
+        )
+
+    def _take_leave(self) -> None:
+        """Tell the wayside that the train is gone, until it answers."""
+        radio, end_ns = self._radio, self._clock.now_ns() + FAREWELL_NS
+        while (radio.newest is None or radio.newest.is_known) and self._clock.now_ns() < end_ns:
+            radio.tell(self._first_place(TrainPresence.GONE))
+            self._clock.wait_until(self._clock.now_ns() + ASK_NS)
+            radio.take()

@@ -1,0 +1,120 @@
+"""`vobc run --train N --service FILE`: one train of a network in real time, in its own program."""
+
+import json
+import sys
+from math import isfinite
+from pathlib import Path
+from typing import Final
+
+from rich.console import Console
+
+from canlog.run_names import mark_latest
+from firmware_py.clock.clock import WallClock
+from firmware_py.clock.realtime import die_with_parent
+from firmware_py.interrupts import Interrupts
+from firmware_py.program import Program
+from firmware_py.settings import SettingsError
+from firmware_py.storage.recorder import loss_text
+from firmware_py.storage.whole_file import write_whole
+from metro_hil.line.turning.networked import NetworkedTrain
+from metro_hil.line.turning.plan import FleetPlan, plan_fleet
+from metro_hil.model.end_condition import ARRIVED
+from metro_hil.model.run_folder import make_run_folder, plain, write_config
+from metro_hil.model.run_options import (
+    EXIT_ENVIRONMENT,
+    EXIT_FAILED,
+    EXIT_INTERRUPTED,
+    EXIT_OK,
+    RunOptions,
+    parse,
+)
+from vobc.train_to_train.vocabulary import T2tConfig
+from zenoh_config.t2t import FIRST_ARBITER
+from zenoh_config.timers import TIMER_SETS
+
+CM_PER_M: Final = 100.0
+
+
+def run(options: RunOptions, console: Console) -> int:
+    """Run the train and write the results. Raises SettingsError, RadioError, RunFolderError."""
+    assert options.train is not None
+    assert options.line_radio is not None
+    assert options.line_timers is not None
+    assert options.arbiters is not None
+    plan = plan_fleet(options)
+    number = options.train
+    if number > plan.trains:
+        raise SettingsError(
+            f"--train {number}: the service {options.service} has {plan.trains} trains; name one "
+            "of them, or give a greater number with --trains"
+        )
+    clock = WallClock()
+    folder = make_run_folder(options.out, clock.epoch_ns(), f"{plan.network.name}_T{number}")
+    write_config(folder, {"options": options, "service": plan.service}, clock.epoch_ns())
+    mark_latest(folder.path)
+    arbiters = tuple(range(FIRST_ARBITER, FIRST_ARBITER + options.arbiters))
+    train = NetworkedTrain(
+        plan,
+        number,
+        folder.path if options.logs else None,
+        T2tConfig(timers=TIMER_SETS[options.line_timers], arbiters=arbiters),
+        options.line_radio,
+        lambda text: console.print(f"train {number} {text}", highlight=False, soft_wrap=True),
+    )
+    interrupts = Interrupts()
+    with interrupts.caught():
+        reason = train.run(lambda: interrupts.asked, priority=options.priority)
+    document = _document(plan, train, reason)
+    write_whole(folder.results, json.dumps(document, indent=2) + "\n")
+    _show(console, plan, train, reason, folder.path)
+    if options.json:
+        print(json.dumps(document))
+    if train.train.lost_log_lines:
+        console.print(loss_text(train.train.lost_log_lines), highlight=False)
+        return EXIT_ENVIRONMENT
+    if reason != ARRIVED:
+        return EXIT_INTERRUPTED
+    return EXIT_FAILED if train.train.brakes else EXIT_OK
+
+
+def main() -> int:
+    """Run a train as a child of the bench: the words of `vobc run`, and `--parent PID`."""
+    *words, _, parent = sys.argv[1:]
+    die_with_parent(int(parent))
+    return run(parse(words), Console())
+
+
+def _document(plan: FleetPlan, train: NetworkedTrain, reason: str) -> dict[str, object]:
+    """The results for JSON. Times are those of the network."""
+    return {
+        "network": plan.network.name,
+        "train": train.train.number,
+        "exit_reason": reason,
+        "late_s": train.late_s,
+        "protection_brakes": [plain(each) for each in train.train.brakes],
+        "trips": [plain(trip) for trip in train.train.trips],
+    }
+
+
+def _show(
+    console: Console, plan: FleetPlan, train: NetworkedTrain, reason: str, folder: Path
+) -> None:
+    trips = train.train.trips
+    done = sum(trip.ended_s is not None for trip in trips)
+    errors_m = [abs(stop.error_m) for trip in trips for stop in trip.stops if stop.error_m]
+    worst = f", worst stop error {CM_PER_M * max(errors_m):.1f} cm" if errors_m else ""
+    turns = sum(trip.turned for trip in trips)
+    late = f", at most {train.late_s:.2f} s late" if isfinite(train.late_s) else ""
+    console.print(
+        f"{reason}: {done} of {len(plan.trips)} trips, {turns} changes of ends{worst}, "
+        f"{len(train.train.brakes)} brakes by protection{late}",
+        highlight=False,
+    )
+    for brake in train.train.brakes:
+        text = f"at {brake.at_s:.2f} s: {brake.kind} brake, {brake.cause}".replace("_", " ")
+        console.print(text, style="red", highlight=False)
+    console.print(f"run folder: {folder}", highlight=False, soft_wrap=True)
+
+
+if __name__ == "__main__":
+    sys.exit(Program("vobc", lambda: main)())
