@@ -46,8 +46,19 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--line", default="loop", metavar="NAME|FILE", help="default: %(default)s")
-    parser.add_argument("--trains", type=int, default=4, metavar="N", help="default: %(default)s")
+    parser.add_argument("--line", metavar="NAME|FILE", help="default: loop")
+    parser.add_argument(
+        "--service",
+        metavar="FILE",
+        help="instead of a line: trains on a network that make the trips of this service, without "
+        "faults, until all have made them or --for is over",
+    )
+    parser.add_argument(
+        "--trains",
+        type=int,
+        metavar="N",
+        help="default: 4, with --service that of its file",
+    )
     parser.add_argument("--for", type=float, default=90.0, dest="duration_s", metavar="SECONDS")
     parser.add_argument("--bench", choices=BENCHES, default="processes", help="default: processes")
     parser.add_argument(
@@ -103,6 +114,8 @@ def run(options: argparse.Namespace) -> int:
     from metro_hil.model.run_folder import discard_unused, make_run_folder, write_config
     from metro_hil.watch.companion import WatchPage
 
+    if options.service is not None:
+        return _run_service(options)
     settings = settings_of(options)
     if settings.networks is not None and not options.apart:
         become_apart("metro_hil.cli.hil", [*options.typed, "--apart"])
@@ -123,6 +136,17 @@ def run(options: argparse.Namespace) -> int:
         if code != EXIT_INTERRUPTED:
             page.stay(print)
     return code
+
+
+def _run_service(options: argparse.Namespace) -> int:
+    from firmware_py.radio.zenoh_radio import RadioError
+    from metro_hil.line.turning import real_line
+    from metro_hil.model.subprocesses import ChildError
+
+    try:
+        return real_line.run(options)
+    except (RadioError, ChildError) as error:
+        raise EngineError(str(error)) from error
 
 
 def _line(options: argparse.Namespace, settings: "Settings", folder: Path) -> "Line":

@@ -19,6 +19,8 @@ from zenoh_config.sessions import check_secured, is_loopback
 from zenoh_config.timers import TIMER_SETS
 
 DEFAULT_LINE: Final = "loop"
+TRAINS: Final = 4
+"""Number of trains that the user did not name."""
 LOCKSTEP: Final = "lockstep"
 DURATION_MAX_S: Final = 1e9
 """Maximum duration of a run, about thirty years, s."""
@@ -28,6 +30,8 @@ INTERNAL: Final = ("run", "words", "apart", "verb")
 
 def settings_of(options: argparse.Namespace) -> Settings:
     """Raises UsageError and SettingsError for options that do not fit together."""
+    options.line = options.line or DEFAULT_LINE
+    options.trains = TRAINS if options.trains is None else options.trains
     areas, line = load_areas(options.line), load_line(options.line)
     ways, faults = _ways(options, line), faults_of(options)
     _refuse_faults(options, faults)
