@@ -20,10 +20,13 @@ from firmware_py.radio.zenoh_radio import RadioError, SessionRole, open_radio
 from firmware_py.settings import SettingsError, is_path
 from firmware_py.storage.whole_file import write_whole
 from firmware_py.trackdb import LineMap, load_line
-from firmware_py.trackdb.areas import load_areas
+from firmware_py.trackdb.areas import AreaMap, load_areas
+from firmware_py.trackdb.circuit import load_network, load_path, split_route, with_route
+from firmware_py.trackdb.network import TrackNetwork
 from metro_hil.line.exercise.plan import ways_of
 from metro_hil.line.service.plan import BUS, LineSetup, LineUp, chosen, programs_of, wayside_parts
 from metro_hil.line.service.programs import ProgramFiles, end_all
+from metro_hil.line.turning.plan import plan_fleet
 from metro_hil.model.line_options import add_insecure, train_number
 from metro_hil.model.run_folder import RunFolder, RunFolderError, make_run_folder, write_config
 from metro_hil.model.run_options import (
@@ -32,10 +35,13 @@ from metro_hil.model.run_options import (
     EXIT_OK,
     EXIT_USAGE,
     SERVICE_VERBS,
+    parse,
 )
+from metro_hil.model.service import line_of_service
 from metro_hil.supervision.access import refuse_insecure
 from metro_hil.supervision.console import SupervisionConsole
 from metro_hil.supervision.view import LineView
+from plant_emulator.wayside.route_objects import divided, shared_tracks
 from zenoh_config import t2t_keys
 from zenoh_config.codec import SafetyKey
 from zenoh_config.secured import SUPERVISION_NAME, WAYSIDE_NAME, train_name
@@ -92,14 +98,18 @@ def parser() -> argparse.ArgumentParser:
         for verb, words in SERVICE_VERBS.items()
     }
     up = parsers["up"]
-    up.add_argument("--line", default="loop", metavar="NAME|FILE", help="default: loop")
+    up.add_argument("--line", metavar="NAME|FILE", help="default: loop")
+    up.add_argument(
+        "--service",
+        metavar="FILE",
+        help="instead of a line: trains on a network that make the trips of this service",
+    )
     up.add_argument(
         "--trains",
         type=int,
-        default=4,
         metavar="N",
         help="number of trains, one at each station, each on its way to the second station ahead; "
-        "default: 4",
+        "default: 4, with --service that of its file",
     )
     up.add_argument("--line-timers", choices=sorted(TIMER_SETS), default="A", help="default: A")
     up.add_argument("--arbiters", type=int, choices=(1, 3, 5), default=3, help="default: 3")
@@ -144,8 +154,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _up(options: argparse.Namespace) -> int:
-    line = load_line(options.line)
-    setup = _setup(options, line)
+    setup, line = _planned(options)
     for path, each in _lines_up():
         if each.line_name == line.name or each.endpoint == setup.endpoint:
             raise ServiceError(
@@ -163,7 +172,7 @@ def _up(options: argparse.Namespace) -> int:
     interrupts = Interrupts()
     with interrupts.caught():
         try:
-            done = _Start(setup, folder, files, clock, interrupts).run(line.name)
+            done = _Start(setup, folder, files, clock, interrupts).run(_divided(setup))
         except BaseException:
             end_all(files[::-1], clock)
             raise
@@ -174,10 +183,50 @@ def _up(options: argparse.Namespace) -> int:
     return EXIT_OK
 
 
+def _planned(options: argparse.Namespace) -> tuple[LineSetup, LineMap | TrackNetwork]:
+    """Check the options. Raises SettingsError."""
+    refuse_insecure(options)
+    if options.service is not None:
+        return _network_setup(options)
+    options.line = options.line or "loop"
+    options.trains = 4 if options.trains is None else options.trains
+    line = load_line(options.line)
+    return _setup(options, line), line
+
+
+def _network_setup(options: argparse.Namespace) -> tuple[LineSetup, TrackNetwork]:
+    """Check the options of trains on a network. Raises SettingsError."""
+    given = {"--line": options.line, "--secure": options.secure, "--attended": options.attended}
+    for name, value in given.items():
+        if value:
+            raise SettingsError(f"{name}: not with --service, whose trains run by themselves")
+    words = ["run", "--service", options.service, "--train", "1"]
+    words += [] if options.trains is None else ["--trains", str(options.trains)]
+    plan = plan_fleet(parse(words))
+    line = line_of_service(options.service)
+    routes = dict.fromkeys(str(split_route(each.trip.line)[1]) for each in plan.trips)
+    setup = LineSetup(
+        str(Path(line).resolve()) if is_path(line) else line,
+        *(options.line_radio, options.line_timers, options.arbiters, options.priority, []),
+        insecure=options.insecure,
+        service=str(Path(options.service).resolve()),
+        routes=[*routes],
+        trains=plan.trains,
+    )
+    return setup, plan.network
+
+
+def _divided(setup: LineSetup) -> AreaMap:
+    """The areas of the line, or of the path of a service on which its trains begin."""
+    if not setup.routes:
+        return load_areas(setup.line)
+    paths = [load_path(with_route(setup.line, route)) for route in setup.routes]
+    return divided(load_network(setup.line), paths[0], shared_tracks(paths))
+
+
 def _setup(options: argparse.Namespace, line: LineMap) -> LineSetup:
     """Check the options. Raises SettingsError."""
     load_areas(options.line)
-    refuse_insecure(options)
     try:
         ways = ways_of(line, options.trains)
     except ValueError as error:
@@ -211,7 +260,7 @@ class _Start:
         self._setup, self._folder, self._files = setup, folder, files
         self._clock, self._interrupts = clock, interrupts
 
-    def run(self, line_name: str) -> bool:
+    def run(self, areas: AreaMap) -> bool:
         """Return whether the line came up; False after an interrupt. Raises ServiceError."""
         buses = [each for each in self._files if each.program.name.endswith(f"/{BUS}")]
         others = [each for each in self._files if each not in buses]
@@ -223,15 +272,15 @@ class _Start:
             return False
         for each in others:
             each.start()
-        return self._commanded(line_name)
+        return self._commanded(areas)
 
-    def _commanded(self, line_name: str) -> bool:
+    def _commanded(self, areas: AreaMap) -> bool:
         """Wait until a train commands, and report which."""
         secure, key = self._credentials()
-        view = LineView(load_areas(self._setup.line), key)
+        view = LineView(areas, key)
         with open_radio(
             *(SessionRole.TRAIN, self._setup.endpoint),
-            *(t2t_keys.of_supervision(line_name), self._clock),
+            *(t2t_keys.of_supervision(areas.name), self._clock),
             secure=secure,
         ) as port:
             console = SupervisionConsole(self._clock, view, port, key)
@@ -271,6 +320,9 @@ class _Start:
 
 
 def _print_next(up: LineUp, options: argparse.Namespace) -> None:
+    if options.service is not None:
+        _say("`vobc line status` lists the programs, `vobc line down` ends them")
+        return
     where = "" if options.line == "loop" else f" --line {options.line}"
     where += "" if up.endpoint == LINE_ENDPOINT else f" --line-radio {up.endpoint}"
     where += "" if options.secure is None else f" --secure {options.secure}"

@@ -13,6 +13,8 @@ WAYSIDE: Final = "wayside"
 BUS: Final = "bus"
 PLANT: Final = "plant"
 CONTROLLER: Final = "controller"
+TRAIN: Final = "train"
+"""Program with controller, train and bus of a train that makes the trips of a service."""
 BEFORE: Final = 5
 """Real-time priority of the wayside above that of controllers, which all wait for it."""
 BEHIND: Final = 10
@@ -47,6 +49,12 @@ class LineSetup(msgspec.Struct, frozen=True):
     insecure: bool = False
     attended: list[int] = []
     """Trains whose desk is a `plant desk` of its own."""
+    service: str | None = None
+    """File of the service of trains on a network; there are then no `ways`."""
+    routes: list[str] = []
+    """Routes of the network over which the service runs."""
+    trains: int = 0
+    """Number of trains of the service."""
 
 
 class LineUp(msgspec.Struct, frozen=True):
@@ -67,10 +75,13 @@ def programs_of(setup: LineSetup, folder: Path) -> list[LineProgram]:
     before = min(PRIORITY_MAX, setup.priority + BEFORE) if setup.priority else 0
     wayside = ["wayside", *common, *of_line, "--memory", str(folder / WAYSIDE)]
     wayside += ["--priority", str(before)]
+    wayside += ["--routes", ",".join(setup.routes)] if setup.routes else []
     programs = [
         LineProgram(name, "plant_emulator", [*wayside, "--part", name])
         for name in wayside_parts(setup.arbiters)
     ]
+    if setup.service is not None:
+        return programs + [_networked(setup, train) for train in range(1, setup.trains + 1)]
     numbered = list(enumerate(setup.ways, start=1))
     for train, _ in numbered:
         name = bus_name(folder, train)
@@ -90,6 +101,15 @@ def programs_of(setup: LineSetup, folder: Path) -> list[LineProgram]:
     return programs
 
 
+def _networked(setup: LineSetup, train: int) -> LineProgram:
+    """The program of a train that makes the trips of a service."""
+    words = ["run", "--train", str(train), "--service", str(setup.service)]
+    words += ["--trains", str(setup.trains), "--line-radio", setup.endpoint]
+    words += ["--line-timers", setup.timers, "--arbiters", str(setup.arbiters)]
+    words += ["--priority", str(setup.priority)]
+    return LineProgram(f"T{train}/{TRAIN}", "metro_hil.cli.vobc", words, logs=True)
+
+
 def wayside_parts(arbiters: int) -> list[str]:
     """Return the part of each program of the wayside."""
     return ["router", *[f"arbiter{n}" for n in range(1, arbiters + 1)], "track"]
@@ -107,6 +127,6 @@ def bus_name(folder: Path, train: int) -> str:
 
 
 def chosen(programs: Sequence[LineProgram], name: str) -> LineProgram | None:
-    """Return the program of that name; a train's name means its controller."""
-    wanted = (name, f"{name}/{CONTROLLER}")
+    """Return the program of that name; a train's name means its controller, or all of it."""
+    wanted = (name, f"{name}/{CONTROLLER}", f"{name}/{TRAIN}")
     return next((each for each in programs if each.name in wanted), None)

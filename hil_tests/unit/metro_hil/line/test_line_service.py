@@ -22,6 +22,7 @@ from metro_hil.line.service.plan import (
     programs_of,
 )
 from metro_hil.line.service.programs import ProgramFiles, end_all
+from metro_hil.model.run_options import EXIT_USAGE, parse
 from plant_emulator.cli.options import parser as plant_parser
 from vobc.cli.options import parser as vobc_parser
 
@@ -156,3 +157,46 @@ def test_a_second_line_of_the_same_name_or_endpoint_is_refused(
     assert f"running, process {os.getpid()}" in capsys.readouterr().out
     assert main(["line", "restart", "waysid"]) == 2
     assert "did you mean wayside?" in capsys.readouterr().err
+
+
+def test_trains_of_a_service_are_one_program_each_beside_a_wayside_with_routes(
+    tmp_path: Path,
+) -> None:
+    setup = msgspec.structs.replace(
+        SETUP, secure=None, ways=[], service="shuttle.toml", routes=["out", "back"], trains=2
+    )
+    programs = programs_of(setup, tmp_path)
+
+    *wayside, first, second = programs
+    assert [each.name for each in wayside] == [
+        "router",
+        "arbiter1",
+        "arbiter2",
+        "arbiter3",
+        "track",
+    ]
+    for each in wayside:
+        assert plant_parser().parse_args(each.arguments).routes == ("out", "back")
+    options = parse(second.arguments)
+    assert (options.is_networked, options.train, options.trains) == (True, 2, 2)
+    assert (options.line_timers, options.arbiters) == ("B", 3)
+    assert chosen(programs, "T1") is first
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["--line", "loop"], "--line: not with --service"),
+        (["--secure", "x"], "--secure: not with --service"),
+        (["--attended", "T1"], "--attended: not with --service"),
+        (["--trains", "21"], "--trains 21: with a service there are 1 to 20"),
+    ],
+)
+def test_options_that_do_not_fit_a_service_are_refused(
+    words: list[str], text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    up = ["line", "up", "--service", "docs/examples/line/shuttle.toml"]
+
+    assert main([*up, *words]) == EXIT_USAGE
+
+    assert text in capsys.readouterr().err
