@@ -1,6 +1,6 @@
 """One train on its line. Actuators move it and sensors measure it; no code here knows of buses."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -182,7 +182,8 @@ class World:
         self.load_cell_ratio = 1.0
         """A fault: factor on the passenger mass that the load cells report."""
         self.line = line
-        self._has_neutral = bool(line.neutral_sections)
+        self._dead_zones = line.neutral_sections
+        """Zones in which the line feeds nothing now."""
         self._isolated = False
         self._start_m = front_m
         self.now_ns = start_ns
@@ -289,8 +290,8 @@ class World:
         end_ns = start_ns + STEP_NS
         brake, consist = self.brake, self.consist
         speed_mps = consist.speed_mps
-        if self._has_neutral:
-            self._pass_neutral_sections()
+        if self._dead_zones:
+            self._pass_dead_zones()
         if self.loops is not None:
             self._read_loops(self.loops, start_ns)
         elif end_ns > self._unready_until_ns:
@@ -418,11 +419,25 @@ class World:
         self.traction.powered = self.power.live
         self.traction.feed(self.power.effort_ratio)
 
-    def _pass_neutral_sections(self) -> None:
-        """Isolate the train while any part of it is in a neutral section."""
+    def switch_off(self, sections: Collection[str]) -> None:
+        """A fault: the power sections of these names carry no voltage, and no others."""
+        off = (each for each in self.line.power_sections if each.name in sections)
+        self._dead_zones = (*self.line.neutral_sections, *off)
+        self._pass_dead_zones()
+
+    def is_in(self, section: str) -> bool:
+        """Whether any part of the train is in a power section of this name."""
+        front_m = self.front_m
+        return any(
+            each.name == section and each.covers(front_m - self.length_m, front_m)
+            for each in self.line.power_sections
+        )
+
+    def _pass_dead_zones(self) -> None:
+        """Isolate the train while any part of it is in a zone without voltage."""
         front_m = self.front_m
         rear_m = front_m - self.length_m
-        inside = any(each.covers(rear_m, front_m) for each in self.line.neutral_sections)
+        inside = any(each.covers(rear_m, front_m) for each in self._dead_zones)
         if inside is not self._isolated:
             self._isolated = inside
             self.power.isolate(inside)

@@ -158,6 +158,7 @@ def _of_line(config: VobcConfig, line: LineMap) -> Iterator[str]:
                     f"evacuation_stops: {stop.text}: a train that stands there is in the zone "
                     f"{zone.text}; move the stop"
                 )
+    yield from _of_power_sections(line)
     for coasting in coastings(config, line):
         yield from _of_neutral_section(config, line.stations, coasting)
     least_m = config.atp.jog_m + config.atp.door_window_m
@@ -224,6 +225,27 @@ def _of_neutral_section(
                 f"{coasting.entry_mps:.1f} m/s at {coasting.from_m:.0f} m from which it coasts "
                 "through; move the section away from the stop"
             )
+
+
+def _of_power_sections(line: LineMap) -> Iterator[str]:
+    """Where a line names its power sections, one of them or a neutral section is everywhere."""
+    if not line.power_sections:
+        return
+    reached_m, before = line.start_m, "the start of the line"
+    for section in sorted((*line.power_sections, *line.neutral_sections), key=lambda z: z.start_m):
+        if section.start_m > reached_m:
+            yield _gap_text(reached_m, section.start_m, before, section.text)
+        if section.end_m > reached_m:
+            reached_m, before = section.end_m, section.text
+    if line.end_m > reached_m:
+        yield _gap_text(reached_m, line.end_m, before, "the end of the line")
+
+
+def _gap_text(from_m: float, to_m: float, before: str, after: str) -> str:
+    return (
+        f"power_sections: none from {from_m:g} m to {to_m:g} m, between {before} and {after}; "
+        "lengthen one, or add a section or a neutral section"
+    )
 
 
 def _of_speeds(config: VobcConfig, line: LineMap) -> Iterator[str]:

@@ -136,6 +136,7 @@ def written_out(lap: LineMap, circuit: Circuit) -> LineMap:
         gradients=_shifted(lap.gradients, circuit.laps, length_m),
         curves=_shifted(lap.curves, circuit.laps, length_m),
         neutral_sections=_shifted(lap.neutral_sections, circuit.laps, length_m),
+        power_sections=_shifted(lap.power_sections, circuit.laps, length_m),
         no_stop_zones=_shifted(lap.no_stop_zones, circuit.laps, length_m),
         evacuation_stops=_shifted(lap.evacuation_stops, circuit.laps, length_m),
         tags=tuple(_tag(tag, n, n * length_m) for n in laps for tag in lap.tags),

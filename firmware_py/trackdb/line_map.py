@@ -11,13 +11,15 @@ from dataclasses import dataclass, field, replace
 from typing import Final, TypeVar
 
 from firmware_py.trackdb.sites import (
+    ZONES,
     CurveSection,
     GradientSection,
     LineZone,
     SpeedSection,
     Station,
+    Stretch,
     TagSite,
-    check_named,
+    check_order,
 )
 from firmware_py.trackdb.sites import TagKind as TagKind
 
@@ -54,6 +56,9 @@ class LineMap:
     neutral_sections: tuple[LineZone, ...] = ()
     """Sections without power, in which trains demand no traction: `start_m`, `end_m`, and `name` if
     wanted. They hold in both directions."""
+    power_sections: tuple[LineZone, ...] = ()
+    """Stretches of contact line that can be switched off by themselves: `start_m`, `end_m` and
+    `name`. Two sections meet at a section insulator. They feed both directions."""
     no_stop_zones: tuple[LineZone, ...] = ()
     """Zones in which trains do not stop by themselves, such as tunnels: `start_m`, `end_m`, and
     `name` if wanted. They hold in both directions."""
@@ -84,11 +89,8 @@ class LineMap:
             raise ValueError(f"rollback_m {self.rollback_m} is not in 0..{ROLLBACK_MAX_M:g}")
         self._check_stations()
         self._check_speeds()
-        self._check_sections("gradients", [(g.start_m, g.end_m) for g in self.gradients])
-        self._check_sections("curves", [(c.start_m, c.end_m) for c in self.curves])
-        for name in ("neutral_sections", "no_stop_zones", "evacuation_stops"):
-            self._check_sections(name, [(z.start_m, z.end_m) for z in getattr(self, name)])
-        check_named((each.name, each.start_m) for each in self.evacuation_stops)
+        for name in ("gradients", "curves", *ZONES):
+            self._check_sections(name, getattr(self, name))
         self._check_tags()
         self._index()
 
@@ -123,17 +125,13 @@ class LineMap:
                 f"speed_sections: they end at {reached_m} m, the line at {self.end_m} m"
             )
 
-    def _check_sections(self, what: str, sections: Sequence[tuple[float, float]]) -> None:
-        for (_, end_m), (start_m, _) in itertools.pairwise(sections):
-            if start_m < end_m:
+    def _check_sections(self, what: str, sections: Sequence[Stretch]) -> None:
+        check_order(what, sections)
+        for each in sections:
+            if not self.start_m <= each.start_m < each.end_m <= self.end_m:
                 raise ValueError(
-                    f"{what}: the section at {start_m} m starts before the one ahead of it "
-                    f"ends, at {end_m} m"
-                )
-        for start_m, end_m in sections:
-            if not self.start_m <= start_m < end_m <= self.end_m:
-                raise ValueError(
-                    f"{what}: the section from {start_m} m to {end_m} m is not on the line"
+                    f"{what}: the section from {each.start_m} m to {each.end_m} m is not on the "
+                    "line"
                 )
 
     def _check_tags(self) -> None:

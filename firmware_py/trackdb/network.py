@@ -2,22 +2,19 @@
 
 import enum
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final
 
 from firmware_py.trackdb.sites import (
+    ZONES,
     CurveSection,
     GradientSection,
     PlatformSide,
     StoppingPoint,
     TagKind,
-    check_named,
+    check_order,
     check_siding,
 )
-
-ZONES: Final = ("neutral_sections", "no_stop_zones", "evacuation_stops")
-"""Keys of a track that have zones."""
 
 
 class Running(enum.Enum):
@@ -151,6 +148,9 @@ class Track:
     neutral_sections: tuple[TrackZone, ...] = ()
     """Sections without power, in which trains demand no traction: `start_m`, `end_m`, and if wanted
     `name` and `direction` (`up`, `down` or `both`)."""
+    power_sections: tuple[TrackZone, ...] = ()
+    """Stretches of contact line that can be switched off by themselves: `start_m`, `end_m` and
+    `name`. Two sections meet at a section insulator; parts with one name are one section."""
     no_stop_zones: tuple[TrackZone, ...] = ()
     """Zones in which trains do not stop by themselves, such as tunnels, with the same keys."""
     evacuation_stops: tuple[TrackZone, ...] = ()
@@ -167,13 +167,18 @@ class Track:
             raise ValueError(f"end_m {self.end_m} is not beyond start_m {self.start_m}")
         for running in Running:
             self._check_limits(running)
-        _check_overlap("gradients", [(each.start_m, each.end_m) for each in self.gradients])
-        _check_overlap("curves", [(each.start_m, each.end_m) for each in self.curves])
+        check_order("gradients", self.gradients)
+        check_order("curves", self.curves)
         for running in Running:
             for name in ZONES:
                 zones = [each for each in getattr(self, name) if each.direction.serves(running)]
-                _check_overlap(name, [(each.start_m, each.end_m) for each in zones])
-        check_named((each.name, each.start_m) for each in self.evacuation_stops)
+                check_order(name, zones)
+        for section in self.power_sections:
+            if section.direction is not Serves.BOTH:
+                raise ValueError(
+                    f"power_sections: {section.name}: direction {section.direction.value}: a "
+                    "contact line feeds both; leave direction out"
+                )
         for what, at_m in self._places():
             if not self.start_m <= at_m <= self.end_m:
                 raise ValueError(
@@ -402,12 +407,3 @@ class TrackNetwork:
                         f"{track.name}; give each tag its own number"
                     )
                 seen[tag.tag_id] = track.name
-
-
-def _check_overlap(what: str, sections: Sequence[tuple[float, float]]) -> None:
-    for (_, end_m), (start_m, _) in itertools.pairwise(sections):
-        if start_m < end_m:
-            raise ValueError(
-                f"{what}: the section at {start_m:g} m begins before the one ahead of it ends, at "
-                f"{end_m:g} m"
-            )

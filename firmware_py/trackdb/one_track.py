@@ -48,6 +48,7 @@ def network_of(line: LineMap) -> TrackNetwork:
         curves=line.curves,
         tags=tuple(sorted(_tags(line), key=lambda tag: tag.position_m)),
         neutral_sections=_zones(line.neutral_sections),
+        power_sections=_zones(line.power_sections),
         no_stop_zones=_zones(line.no_stop_zones),
         evacuation_stops=_zones(line.evacuation_stops),
     )

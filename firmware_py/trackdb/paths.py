@@ -18,6 +18,7 @@ from firmware_py.trackdb.network import (
     TrackZone,
 )
 from firmware_py.trackdb.sites import (
+    POWER,
     CurveSection,
     GradientSection,
     LineZone,
@@ -143,9 +144,10 @@ def _line(network: TrackNetwork, name: str, legs: Sequence[Leg]) -> LineMap:
         tags=tuple(sorted(_tags(legs), key=lambda tag: tag.position_m)),
         description=network.description,
         rollback_m=network.rollback_m,
-        neutral_sections=_zones(legs, [leg.track.neutral_sections for leg in legs]),
-        no_stop_zones=_zones(legs, [leg.track.no_stop_zones for leg in legs]),
-        evacuation_stops=_zones(legs, [leg.track.evacuation_stops for leg in legs]),
+        neutral_sections=_zones(legs, "neutral_sections"),
+        power_sections=_zones(legs, "power_sections"),
+        no_stop_zones=_zones(legs, "no_stop_zones"),
+        evacuation_stops=_zones(legs, "evacuation_stops"),
     )
 
 
@@ -205,15 +207,20 @@ def _curves(leg: Leg) -> Iterator[CurveSection]:
         yield CurveSection(*leg.section_m(curve.start_m, curve.end_m), curve.radius_m)
 
 
-def _zones(legs: Sequence[Leg], of_legs: Sequence[Sequence[TrackZone]]) -> tuple[LineZone, ...]:
-    """The zones for trains of this path. Parts that meet where two tracks do become one."""
+def _zones(legs: Sequence[Leg], key: str) -> tuple[LineZone, ...]:
+    """The zones for trains of this path. Parts that meet where two tracks do become one.
+
+    Power sections with different names stay apart: there is an insulator between them.
+    """
     found: list[LineZone] = []
-    for leg, zones in zip(legs, of_legs, strict=True):
+    for leg in legs:
+        zones: Sequence[TrackZone] = getattr(leg.track, key)
         for zone in _in_order(leg, zones):
             if not zone.direction.serves(leg.running):
                 continue
             start_m, end_m = leg.section_m(zone.start_m, zone.end_m)
-            if found and start_m <= found[-1].end_m:
+            apart = key == POWER and found and found[-1].name != zone.name
+            if found and start_m <= found[-1].end_m and not apart:
                 last = found.pop()
                 start_m, name = last.start_m, last.name or zone.name
                 found.append(LineZone(start_m, max(last.end_m, end_m), name))

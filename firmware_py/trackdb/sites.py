@@ -2,13 +2,19 @@
 
 import enum
 import itertools
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, Protocol
 
 GRADIENT_MAX_PERMILLE: Final = 120.0
 RADIUS_MIN_M: Final = 50.0
 TAG_ID_MAX: Final = 2**32 - 1
+NEUTRAL: Final = "neutral_sections"
+POWER: Final = "power_sections"
+ZONES: Final = (NEUTRAL, POWER, "no_stop_zones", "evacuation_stops")
+"""Keys of lines and tracks that have zones."""
+NAMED: Final = (POWER, "evacuation_stops")
+"""Keys whose zones need names: faults and messages to people refer to them."""
 
 
 class PlatformSide(enum.Enum):
@@ -153,7 +159,7 @@ class TagSite:
 
 @dataclass(frozen=True, slots=True)
 class LineZone:
-    """A stretch on which a train must not do something, from its front until its rear has left."""
+    """A stretch with a property of its own for a train, from its front until its rear has left."""
 
     start_m: float
     end_m: float
@@ -173,14 +179,31 @@ class LineZone:
         return f"{self.name}, {ends}" if self.name else ends
 
 
-def check_named(stops: Iterable[tuple[str, float]]) -> None:
-    """Raise ValueError for an evacuation stop, name and begin, whose name is empty."""
-    for name, start_m in stops:
-        if not name:
+class Stretch(Protocol):
+    """A section or zone between two chainages."""
+
+    @property
+    def start_m(self) -> float: ...
+
+    @property
+    def end_m(self) -> float: ...
+
+
+def check_order(key: str, stretches: Sequence[Stretch]) -> None:
+    """Raise ValueError if one begins before the end of the one before it, or lacks its name."""
+    for before, after in itertools.pairwise(stretches):
+        if after.start_m < before.end_m:
             raise ValueError(
-                f"evacuation_stops: the one at {start_m:g} m has no name; give it one, for the "
-                "people who come there"
+                f"{key}: {_called(after, 'the section')} at {after.start_m:g} m begins before "
+                f"{_called(before, 'the one ahead of it')} ends, at {before.end_m:g} m"
             )
+    for each in stretches if key in NAMED else ():
+        if not _called(each, ""):
+            raise ValueError(f"{key}: the one at {each.start_m:g} m has no name; give it one")
+
+
+def _called(stretch: Stretch, otherwise: str) -> str:
+    return getattr(stretch, "name", "") or otherwise
 
 
 def _check_section(start_m: float, end_m: float) -> None:

@@ -8,14 +8,13 @@ from typing import Final
 
 from can_dbc.cab import CabMode
 from firmware_py.storage.growing_file import GrowingFile
-from firmware_py.trackdb.network import TrackNetwork
 from plant_emulator.cli.names import DESK, FAULTS
 from plant_emulator.desk.attendant import Attendant
 from plant_emulator.desk.by_keys import keyed
 from plant_emulator.desk.recording import HEADER
 from plant_emulator.faults.by_hand import FaultsByHand, record_text
+from plant_emulator.faults.fitting import FaultTargets
 from plant_emulator.faults.kinds import FaultPlace
-from plant_emulator.train_config import TrainConfig
 
 DESK_KEYS: Final = "desk.keys"
 """Keys of the desk as they were pressed, one name a line."""
@@ -47,9 +46,8 @@ def open_by_hand(
     *,
     mode: CabMode,
     start_ns: int,
-    train: TrainConfig,
+    targets: FaultTargets,
     places: frozenset[FaultPlace],
-    network: TrackNetwork | None = None,
 ) -> TrainByHand:
     """Open the files of a folder; the stack closes them. Raises OSError.
 
@@ -57,7 +55,6 @@ def open_by_hand(
         allowed: members of BY_HAND.
         mode: mode of the desk before the first key.
         places: places where this bench applies faults.
-        network: with its switches; None for a line without one.
     """
     desk, faults = None, None
     if DESK in allowed:
@@ -69,7 +66,7 @@ def open_by_hand(
         acts = _growing(folder / FAULT_ACTS, stack)
         write = _replacing(folder / FAULT_RECORD)
         write(record_text(()))
-        faults = FaultsByHand(acts.lines, write, train, places, network)
+        faults = FaultsByHand(acts.lines, write, targets, places)
     return TrainByHand(desk, faults)
 
 

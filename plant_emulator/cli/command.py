@@ -37,7 +37,7 @@ from plant_emulator.cli.options import AUTO, ELSEWHERE
 from plant_emulator.cli.words import TrainNotices, say, summarise
 from plant_emulator.desk.display import KINDS as DISPLAYED
 from plant_emulator.faults.fault_file import load_faults
-from plant_emulator.faults.fitting import check_fitting, check_provided
+from plant_emulator.faults.fitting import check_fitting, check_provided, targets_of
 from plant_emulator.faults.kinds import BENCH_PLACES, FaultPlace
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.foreign import ForeignParts, ForeignPartsError
@@ -89,7 +89,7 @@ def serve(options: argparse.Namespace, start_foreign: StartForeign | None = None
             desk_elsewhere=elsewhere,
         )
         faults = () if options.faults is None else load_faults(options.faults)
-        check_fitting(faults, scenario.train, str(options.faults), scenario.network)
+        check_fitting(faults, targets_of(scenario), str(options.faults))
         return _serve(options, scenario, faults, start_foreign)
     except SettingsError as error:
         _complain(error)
@@ -253,9 +253,8 @@ def _by_hand(
         stack,
         mode=scenario.desk_mode,
         start_ns=start_ns,
-        train=scenario.train,
+        targets=targets_of(scenario),
         places=frozenset(FaultPlace) - BENCH_PLACES,
-        network=scenario.network,
     )
 
 

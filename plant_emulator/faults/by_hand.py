@@ -19,12 +19,10 @@ from typing import Any, Final
 import tomli_w
 
 from firmware_py.settings import SettingsError
-from firmware_py.trackdb.network import TrackNetwork
-from plant_emulator.faults.fitting import check_fitting
+from plant_emulator.faults.fitting import FaultTargets, check_fitting
 from plant_emulator.faults.kinds import FaultPlace
 from plant_emulator.faults.plan import WINDOW_KEYS, FaultPlan, read_fault
 from plant_emulator.faults.schedule import Schedule
-from plant_emulator.train_config import TrainConfig
 
 STEP_S: Final = 0.01
 """Step of the plant: the shortest time that a fault can act."""
@@ -41,9 +39,8 @@ class ActError(Exception):
 def plan_by_hand(
     table: Mapping[str, Any],
     index: int,
-    train: TrainConfig,
+    targets: FaultTargets,
     places: frozenset[FaultPlace],
-    network: TrackNetwork | None = None,
 ) -> FaultPlan:
     """Check a fault that a person wants to start.
 
@@ -51,7 +48,6 @@ def plan_by_hand(
 
     Args:
         places: places where this bench applies faults.
-        network: with its switches; None for a line without one.
     """
     source = "faults"
     if not isinstance(table, Mapping):
@@ -60,7 +56,7 @@ def plan_by_hand(
         raise ActError(f"{found[0]}: the fault begins at once and ends by hand; leave the key out")
     try:
         plan = read_fault(table, index, source)
-        check_fitting((plan,), train, source, network)
+        check_fitting((plan,), targets, source)
     except SettingsError as error:
         raise ActError(re.sub(rf"^{source}: fault\[\d+\][.:] ?", "", str(error))) from error
     if plan.kind.place not in places:
@@ -78,9 +74,8 @@ class FaultsByHand:
         self,
         acts: Callable[[], Iterable[str]],
         record: Callable[[str], None],
-        train: TrainConfig,
+        targets: FaultTargets,
         places: frozenset[FaultPlace],
-        network: TrackNetwork | None = None,
     ) -> None:
         """Args:
         acts: returns the acts since the last call, each a line of JSON.
@@ -88,7 +83,7 @@ class FaultsByHand:
         places: places where this bench applies faults.
         """
         self._acts, self._record = acts, record
-        self._train, self.places, self._network = train, places, network
+        self._targets, self.places = targets, places
         self._tables: list[dict[str, Any]] = []
         self._open: set[int] = set()
         """Numbers of the faults that act."""
@@ -119,13 +114,13 @@ class FaultsByHand:
             table, index = dict(act["values"]), act["set"]
             if index in self._open:
                 new = {"kind": self._tables[index]["kind"], **table}
-                plan_by_hand(new, len(self._tables), self._train, self.places, self._network)
+                plan_by_hand(new, len(self._tables), self._targets, self.places)
                 self._stop(index, t_s, schedule)
                 self._start(new, t_s, schedule)
 
     def _start(self, table: Mapping[str, Any], t_s: float, schedule: Schedule) -> None:
         index = len(self._tables)
-        plan_by_hand(table, index, self._train, self.places, self._network)
+        plan_by_hand(table, index, self._targets, self.places)
         timed = {"kind": table["kind"], "start_s": t_s, **table}
         schedule.add(read_fault(timed, index, "faults"))
         self._tables.append(timed)

@@ -360,6 +360,17 @@ class LineVoltage:
         check_range(self, "voltage_v", 0.0, 5000.0)
 
 
+@fault("power_section_off", FaultPlace.SUPPLY, Hazard.LOST_SERVICE, Hazard.NO_BRAKE)
+@dataclass(frozen=True, slots=True)
+class PowerSectionOff:
+    """A power section of the line has no voltage, as after a short circuit.
+
+    A train of which any part is in it has neither traction nor electric brake.
+    """
+
+    section: str = "S1"
+
+
 @fault("breaker_open", FaultPlace.SUPPLY, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class BreakerOpen:

@@ -1,6 +1,6 @@
 """Faults of the line that feeds the train, and of its main breaker."""
 
-from plant_emulator.faults.declared_train import BreakerOpen, LineVoltage
+from plant_emulator.faults.declared_train import BreakerOpen, LineVoltage, PowerSectionOff
 from plant_emulator.faults.effects import Effect, SettingFault, SharedSetting
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.world import World
@@ -17,11 +17,14 @@ class SupplyEffects:
             lambda found: self._connect(found[-1] if found else None)
         )
         self._open = SharedSetting[bool](lambda found: self._switch(not found))
+        self._off = SharedSetting[str](world.switch_off)
 
     def of(self, plan: FaultPlan) -> Effect:
         parameters = plan.parameters
         if isinstance(parameters, LineVoltage):
             return SettingFault(plan.index, (self._voltage_v, parameters.voltage_v))
+        if isinstance(parameters, PowerSectionOff):
+            return SettingFault(plan.index, (self._off, parameters.section))
         assert isinstance(parameters, BreakerOpen), f"{plan.kind.name} has no effect"
         return SettingFault(plan.index, (self._open, True))
 

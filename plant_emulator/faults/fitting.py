@@ -1,13 +1,17 @@
 """Checks that the train has the parts that the faults of a scenario affect."""
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import Final
 
 from can_dbc.nodes import Node
 from firmware_py.settings import SettingsError, nearest
+from firmware_py.trackdb import LineMap
 from firmware_py.trackdb.network import TrackNetwork
+from firmware_py.trackdb.paths import Path
 from plant_emulator.faults.declared_loops import LOOP_FAULTS
 from plant_emulator.faults.declared_process import ClockStep, ControllerKilled
+from plant_emulator.faults.declared_train import PowerSectionOff
 from plant_emulator.faults.declared_wayside import (
     AuthorityWithdrawn,
     OtherDatabase,
@@ -24,6 +28,7 @@ from plant_emulator.faults.kinds import FaultPlace, Kind
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.foreign import ForeignParts
 from plant_emulator.train_config import TrainConfig
+from plant_emulator.world import TrainScenario
 
 EFFORT: Final = (Node.TCU, Node.BCU)
 SWITCH_FAULTS: Final = (SwitchLost, SwitchStray, SwitchStuck)
@@ -53,21 +58,43 @@ NODES_OF_KIND: Final[Mapping[str, tuple[Node, ...]]] = {
 """Kinds that act in other nodes than the other faults of their place."""
 
 
-def check_fitting(
-    faults: Iterable[FaultPlan],
-    train: TrainConfig,
-    source: str,
-    network: TrackNetwork | None = None,
-) -> None:
+@dataclass(frozen=True, slots=True)
+class FaultTargets:
+    """Train and track that the faults of a scenario may affect."""
+
+    train: TrainConfig
+    network: TrackNetwork | None = None
+    """With its switches; None for a line without one."""
+    sections: frozenset[str] = frozenset()
+    """Names of the power sections of line and network."""
+
+
+def targets_of(scenario: TrainScenario) -> FaultTargets:
+    """The targets in a scenario."""
+    return targets_on(scenario.train, scenario.line, scenario.tracks)
+
+
+def targets_on(
+    train: TrainConfig, line: LineMap, tracks: tuple[TrackNetwork, Path] | None
+) -> FaultTargets:
+    """The targets of a train on a line; `tracks` as in a scenario."""
+    network = None if tracks is None else tracks[0]
+    names = {each.name for each in line.power_sections}
+    for track in () if network is None else network.tracks:
+        names |= {each.name for each in track.power_sections}
+    return FaultTargets(train, network, frozenset(names))
+
+
+def check_fitting(faults: Iterable[FaultPlan], targets: FaultTargets, source: str) -> None:
     """Raise SettingsError for a fault that would have no effect because train or track lacks the
     part.
-
-    Args:
-        network: with its switches; None for a line without one.
     """
+    train = targets.train
     for plan in faults:
         if isinstance(plan.parameters, TRACK_FAULTS):
-            _check_network(plan, source, network)
+            _check_network(plan, source, targets.network)
+        if isinstance(plan.parameters, PowerSectionOff):
+            _check_section(plan, plan.parameters.section, source, targets.sections)
         if isinstance(plan.parameters, LOOP_FAULTS) and not train.loop.connected:
             raise SettingsError(
                 f"{source}: fault[{plan.index}].kind: {plan.kind.name}: the train {train.name} has "
@@ -108,6 +135,14 @@ def check_commanded(faults: Iterable[FaultPlan], source: str) -> None:
             why = "cannot restart a train under masters; leave out its end"
         if why:
             raise SettingsError(f"{source}: fault[{plan.index}].kind: {plan.kind.name} {why}")
+
+
+def _check_section(plan: FaultPlan, name: str, source: str, known: frozenset[str]) -> None:
+    where = f"{source}: fault[{plan.index}].section: {name!r}"
+    if not known:
+        raise SettingsError(f"{where}: the line has no power sections; add power_sections to it")
+    if name not in known:
+        raise SettingsError(f"{where}: no such section; {nearest(name, sorted(known), 'name')}")
 
 
 def _check_network(plan: FaultPlan, source: str, network: TrackNetwork | None) -> None:

@@ -29,6 +29,7 @@ from plant_emulator.faults.declared_train import (
     LineVoltage,
     LoadCell,
     LowAdhesion,
+    PowerSectionOff,
     TachoDrift,
     TachoInterference,
     TachoStuck,
@@ -157,6 +158,8 @@ def _of_effort(parameters: Any, world: World) -> Touch | None:
             return _when(offset_ma != 0.0, _always)
         case LineVoltage(voltage_v=voltage_v):
             return _when(voltage_v != world.train.supply.no_load_v, _always)
+        case PowerSectionOff(section=section):
+            return lambda: world.is_in(section)
     return None
 
 

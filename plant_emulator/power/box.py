@@ -161,7 +161,7 @@ class HighVoltageBox:
         self._limit_electric()
 
     def isolate(self, isolated: bool) -> None:
-        """A neutral section begins or ends: inside it the line feeds and takes nothing."""
+        """A zone without voltage begins or ends: inside it the line feeds and takes nothing."""
         self._isolated = isolated
         self.connect(self._source_v, breaker_closed=self.breaker_closed)
 

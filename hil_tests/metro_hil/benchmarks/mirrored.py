@@ -162,6 +162,7 @@ def flipped(track: Track) -> Track:
             for x in reversed(track.tags)
         ),
         neutral_sections=zones(track.neutral_sections),
+        power_sections=zones(track.power_sections),
         no_stop_zones=zones(track.no_stop_zones),
         evacuation_stops=zones(track.evacuation_stops),
     )

@@ -10,7 +10,7 @@ from firmware_py.trackdb import LineMap, load_line
 from firmware_py.trackdb.circuit import split_route, with_route
 from metro_hil.model.case import TIME_MAX_S, Case, Setup
 from metro_hil.model.mission import Journey
-from plant_emulator.faults.fitting import check_acting, check_fitting
+from plant_emulator.faults.fitting import check_acting, check_fitting, targets_of
 from plant_emulator.faults.plan import FaultPlan, read_faults
 from plant_emulator.world import TrainScenario, plan_scenario
 from vobc.config import VobcConfig, load_config, plan_mission
@@ -50,7 +50,7 @@ def parts_of(case: Case, files: Files = NO_FILES, *, trains: int = 1, trips: int
     check_plausible(config, line)
     scenario = scenario_of(setup, mission, _first_seed(case), files)
     faults = read_faults(case.faults, case.id)
-    check_fitting(faults, scenario.train, case.id, scenario.network)
+    check_fitting(faults, targets_of(scenario), case.id)
     check_acting(faults, case.id, trains=trains, trips=trips)
     return CaseParts(
         journey=Journey(line, mission, setup.wakes_up, _memory_line(setup, files)),

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from firmware_py.trackdb.network import Track, TrackNetwork, TrackZone
+from firmware_py.trackdb.sites import POWER
 from metro_hil.model.network_places import ends_m
 
 WIDTH_PX: Final = 1100.0
@@ -17,8 +18,19 @@ STYLE: Final = (
     ".crossing{stroke:#b00020;stroke-width:2;stroke-dasharray:4 3}"
     ".neutral{stroke:#2b6cb0;stroke-width:10;stroke-opacity:.5}"
     ".evacuation{stroke:#2f855a;stroke-width:10;stroke-opacity:.5}"
+    ".power{stroke:#805ad5;stroke-width:3;stroke-dasharray:12 3}"
     ".no-stop{stroke:#b7791f;stroke-width:10;stroke-opacity:.5}"
 )
+
+KINDS: Final = {
+    "neutral_sections": "neutral section",
+    "power_sections": "power section",
+    "no_stop_zones": "no-stop zone",
+    "evacuation_stops": "evacuation stop",
+}
+"""Keys of a track that have zones, with what one zone is called."""
+POWER_PX: Final = 18.0
+"""Height of the contact line above its track."""
 
 
 def network_svg(network: TrackNetwork) -> str:
@@ -46,12 +58,9 @@ def network_svg(network: TrackNetwork) -> str:
 
 def zones_of(track: Track) -> Iterator[tuple[str, TrackZone]]:
     """The zones of a track, each with its kind."""
-    for zone in track.neutral_sections:
-        yield "neutral section", zone
-    for zone in track.no_stop_zones:
-        yield "no-stop zone", zone
-    for zone in track.evacuation_stops:
-        yield "evacuation stop", zone
+    for key, kind in KINDS.items():
+        for zone in getattr(track, key):
+            yield kind, zone
 
 
 def _joints(
@@ -94,6 +103,9 @@ def _track(track: Track, places: dict[str, float], y_px: float) -> Iterator[str]
         from_px, to_px = (
             start_px + (at_m - track.start_m) * share for at_m in (zone.start_m, zone.end_m)
         )
+        if kind == KINDS[POWER]:
+            yield from _power_section(zone.name, from_px, to_px, y_px - POWER_PX)
+            continue
         yield _line(kind.partition(" ")[0], from_px, y_px, to_px, y_px)
         yield _text(min(from_px, to_px), y_px - 16.0, zone.name or kind)
     for edge in track.platforms:
@@ -109,6 +121,14 @@ def _track(track: Track, places: dict[str, float], y_px: float) -> Iterator[str]
                     f'width="{width_px:.1f}" height="8"/>'
                 )
         yield _text(left_px, y_px + 28.0, edge.station)
+
+
+def _power_section(name: str, from_px: float, to_px: float, y_px: float) -> Iterator[str]:
+    """The contact line of a section, with an insulator at both ends."""
+    yield _line("power", from_px, y_px, to_px, y_px)
+    for x_px in (from_px, to_px):
+        yield _line("joint", x_px, y_px - 4.0, x_px, y_px + 4.0)
+    yield _text(min(from_px, to_px) + 2.0, y_px - 5.0, name)
 
 
 def _line(kind: str, x1_px: float, y1_px: float, x2_px: float, y2_px: float) -> str:

@@ -42,6 +42,7 @@ from metro_hil.model.run_folder import RunFolder
 from metro_hil.model.run_options import BROWSER, ELSEWHERE, RunOptions
 from metro_hil.run.radio_tap import TappedRadio
 from plant_emulator.cli.by_hand import TrainByHand, open_by_hand
+from plant_emulator.faults.fitting import targets_of
 from plant_emulator.faults.kinds import FaultPlace
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.process import TRUTH_COLUMNS, PlantDevice, TruthLog
@@ -519,9 +520,8 @@ def _by_hand(
         stack,
         mode=scenario.desk_mode,
         start_ns=0,
-        train=scenario.train,
+        targets=targets_of(scenario),
         places=frozenset(FaultPlace),
-        network=scenario.network,
     )
 
 

@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from firmware_py.settings import SettingsError, parse
-from firmware_py.trackdb.circuit import load_switched
+from firmware_py.trackdb.circuit import load_line, load_switched
 from plant_emulator.cli.by_hand import FAULT_ACTS, FAULT_RECORD
 from plant_emulator.faults.by_hand import ActError, plan_by_hand
 from plant_emulator.faults.declared_loops import LOOP_FAULTS
+from plant_emulator.faults.declared_train import PowerSectionOff
 from plant_emulator.faults.described import PLACE_TITLES, Described, FaultParameter, all_described
-from plant_emulator.faults.fitting import TRACK_FAULTS
+from plant_emulator.faults.fitting import TRACK_FAULTS, FaultTargets, targets_on
 from plant_emulator.faults.kinds import BENCH_PLACES, CATALOGUE, FaultPlace, Kind
 from plant_emulator.train_config import TrainConfig, load_train
 
@@ -25,6 +26,8 @@ NOT_IN_REAL_TIME: Final = (
 NO_LOOPS: Final = "This train has no current loops."
 NO_SWITCHES: Final = "This line has no switches; run the train over a route of a network."
 
+NO_SECTIONS: Final = "This line has no power sections."
+
 
 class FaultActs:
     """Checks what viewers want, passes it on to the plant, and reads what the plant recorded."""
@@ -32,9 +35,7 @@ class FaultActs:
     def __init__(self, folder: Path) -> None:
         """Open the file of the acts. Raises OSError or SettingsError."""
         options = parse(folder / "run.toml").get("options", {})
-        self._train = load_train(options["consist"])
-        tracks = load_switched(options["line"]) if "line" in options else None
-        self._network = None if tracks is None else tracks[0]
+        self._targets = _targets(load_train(options["consist"]), options.get("line"))
         in_real_time = BENCH_PLACES if not options["lockstep"] else frozenset[FaultPlace]()
         self._places = frozenset(FaultPlace) - in_real_time
         self._record = folder / FAULT_RECORD
@@ -49,7 +50,7 @@ class FaultActs:
             {
                 "title": title,
                 "kinds": [
-                    _kind_head(each, self._train, self._places, switches=self._network is not None)
+                    _kind_head(each, self._targets, self._places)
                     for each in all_described()
                     if each.place is place
                 ],
@@ -73,7 +74,7 @@ class FaultActs:
             raise ActError("values: no table")
         if act == "start":
             table = {"kind": message.get("fault"), **values}
-            plan_by_hand(table, 0, self._train, self._places, self._network)
+            plan_by_hand(table, 0, self._targets, self._places)
             return {"start": table}
         index = message.get("index")
         if not isinstance(index, int) or not 0 <= index < len(self._tables):
@@ -82,7 +83,7 @@ class FaultActs:
             return {"stop": index}
         if act == "set":
             table = {"kind": self._tables[index]["kind"], **values}
-            plan_by_hand(table, index, self._train, self._places, self._network)
+            plan_by_hand(table, index, self._targets, self._places)
             return {"set": index, "values": values}
         raise ActError(f"{act!r}: an act is start, set or stop")
 
@@ -111,17 +112,25 @@ def open_fault_acts(folder: Path) -> FaultActs:
         raise SettingsError(f"{folder / 'run.toml'}: options.{error.args[0]}: missing") from error
 
 
+def _targets(train: TrainConfig, line: str | None) -> FaultTargets:
+    if line is None:
+        return FaultTargets(train)
+    return targets_on(train, load_line(line), load_switched(line))
+
+
 def _kind_head(
-    described: Described, train: TrainConfig, places: frozenset[FaultPlace], *, switches: bool
+    described: Described, targets: FaultTargets, places: frozenset[FaultPlace]
 ) -> Mapping[str, Any]:
     kind = CATALOGUE[described.name]
     missing = ""
     if kind.place not in places:
         missing = NOT_IN_REAL_TIME
-    elif issubclass(kind.parameters, LOOP_FAULTS) and not train.loop.connected:
+    elif issubclass(kind.parameters, LOOP_FAULTS) and not targets.train.loop.connected:
         missing = NO_LOOPS
-    elif issubclass(kind.parameters, TRACK_FAULTS) and not switches:
+    elif issubclass(kind.parameters, TRACK_FAULTS) and targets.network is None:
         missing = NO_SWITCHES
+    elif kind.parameters is PowerSectionOff and not targets.sections:
+        missing = NO_SECTIONS
     return {
         "name": described.name,
         "story": described.story,

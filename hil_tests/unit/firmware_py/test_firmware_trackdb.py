@@ -286,6 +286,13 @@ def changed(key: str, index: int, **values: Any) -> dict[str, Any]:
     return table
 
 
+def powered(*sections: tuple[float, float, str]) -> dict[str, Any]:
+    """Florence with power sections of these ends and names."""
+    keys = ("start_m", "end_m", "name")
+    tables = [dict(zip(keys, each, strict=True)) for each in sections]
+    return {**florence_table(), "power_sections": tables}
+
+
 def without(key: str, index: int) -> dict[str, Any]:
     table = florence_table()
     del table[key][index]
@@ -316,10 +323,10 @@ def swapped(key: str, index: int) -> dict[str, Any]:
         (changed("speed_sections", 1, limit_mps=0.0), "speed_sections[1]: limit_mps 0.0 is not"),
         (changed("speed_sections", 1, end_m=1500.0), "speed_sections[1]: end_m 1500.0 is not be"),
         ({**florence_table(), "speed_sections": []}, "speed_sections: they end at -120.0 m"),
-        (changed("gradients", 0, end_m=1850.0), "gradients: the section at 1800.0 m starts before"),
+        (changed("gradients", 0, end_m=1850.0), "gradients: the section at 1800 m begins before"),
         (changed("gradients", 0, start_m=-121.0), "gradients: the section from -121.0 m to 750.0"),
         (changed("gradients", 1, gradient_permille=-121), "gradients[1]: gradient_permille -121.0"),
-        (swapped("gradients", 0), "gradients: the section at 650.0 m starts before"),
+        (swapped("gradients", 0), "gradients: the section at 650 m begins before"),
         (changed("curves", 0, radius_m=49.0), "curves[0]: radius_m 49.0 is under 50"),
         (changed("curves", 0, end_m=4701.0), "curves: the section from 1600.0 m to 4701.0 m is n"),
         (swapped("tags", 3), "tags: tag 1650 at 650.0 m is out of order after tag 1900 at 900.0"),
@@ -329,6 +336,14 @@ def swapped(key: str, index: int) -> dict[str, Any]:
         (changed("tags", 3, station="V"), "tags: tag 1650 serves unknown station V"),
         (changed("tags", 0, position_m=-121.0), "tags: tag 4 at -121.0 m is not on the line"),
         (changed("tags", 3, kind="t4"), "tags[3].kind: 't4': valid values: balise, t1, t2"),
+        (
+            powered((-120.0, 900.0, "N"), (899.0, 4700.0, "S")),
+            "power_sections: S at 899 m begins b",
+        ),
+        (
+            powered((-120.0, 900.0, "")),
+            "power_sections: the one at -120 m has no name; give it one",
+        ),
         ({**florence_table(), "end_m": -120.0}, "end_m -120.0 is not beyond start_m -120.0"),
     ],
 )

@@ -17,13 +17,14 @@ from plant_emulator.desk.display import DeskDisplay
 from plant_emulator.desk.hands import KEYS
 from plant_emulator.desk.recording import parse_recording
 from plant_emulator.faults.by_hand import ActError, FaultsByHand, plan_by_hand
+from plant_emulator.faults.fitting import FaultTargets
 from plant_emulator.faults.kinds import BENCH_PLACES, FaultPlace
 from plant_emulator.faults.plan import FaultPlan, read_faults
 from plant_emulator.faults.schedule import Schedule
 from plant_emulator.train_config import load_train
 from plant_emulator.truth import Truth
 
-TRAIN = load_train("florence4")
+TARGETS = FaultTargets(load_train("florence4"))
 EVERYWHERE = frozenset(FaultPlace)
 STEP_NS = 10_000_000
 Changes = list[tuple[int, int, bool, Any]]
@@ -64,7 +65,7 @@ def run(
     acts: Mapping[int, Sequence[object]], steps: int
 ) -> tuple[Changes, list[dict[str, Any]], str]:
     texts: list[str] = []
-    by_hand = FaultsByHand(ScriptedActs(acts).lines, texts.append, TRAIN, EVERYWHERE)
+    by_hand = FaultsByHand(ScriptedActs(acts).lines, texts.append, TARGETS, EVERYWHERE)
     found = changes_of(Schedule(()), steps, by_hand)
     text = texts[-1] if texts else ""
     return found, tomllib.loads(text).get("fault", []), text
@@ -160,7 +161,7 @@ def test_an_impossible_act_changes_nothing(act: object) -> None:
 )
 def test_a_refusal_says_why(table: Any, places: frozenset[FaultPlace], text: str) -> None:
     with pytest.raises(ActError) as refusal:
-        plan_by_hand(table, 4, TRAIN, places)
+        plan_by_hand(table, 4, TARGETS, places)
 
     assert text in str(refusal.value)
     assert "fault[" not in str(refusal.value)

@@ -10,7 +10,7 @@ import pytest
 from can_dbc.analogue import AnalogueCommand
 from firmware_py.settings import SettingsError, override
 from plant_emulator.actuators.loops import effort_ratio
-from plant_emulator.faults.fitting import check_fitting
+from plant_emulator.faults.fitting import FaultTargets, check_fitting
 from plant_emulator.faults.plan import read_faults
 from plant_emulator.noise import Generators, NoiseSource
 from plant_emulator.train_config import TrainConfig, load_train
@@ -240,9 +240,9 @@ def test_a_fault_of_a_missing_loop_is_refused() -> None:
     faults = read_faults([{"kind": "wheel_slip"}, {"kind": "loop_break"}], "scenario")
 
     with pytest.raises(SettingsError, match=r"scenario: fault\[1\]\.kind: loop_break"):
-        check_fitting(faults, load_train("florence4"), "scenario")
-    check_fitting(faults, load_train("florence4_loop"), "scenario")
-    check_fitting(faults[:1], load_train("florence4"), "scenario")
+        check_fitting(faults, FaultTargets(load_train("florence4")), "scenario")
+    check_fitting(faults, FaultTargets(load_train("florence4_loop")), "scenario")
+    check_fitting(faults[:1], FaultTargets(load_train("florence4")), "scenario")
 
 
 def test_the_loops_have_their_own_noise_sources() -> None:

@@ -1,5 +1,6 @@
 """Faults of the line supply, of the doors and of the driver's desk."""
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,7 +11,10 @@ import pytest
 from can_dbc.cab import CabMode
 from can_dbc.doors import DoorCommand, DoorState
 from firmware_py.settings import SettingsError, override
-from plant_emulator.train_config import TrainConfig
+from firmware_py.trackdb import LineZone
+from plant_emulator.faults.fitting import FaultTargets, check_fitting
+from plant_emulator.faults.plan import read_faults
+from plant_emulator.train_config import TrainConfig, load_train
 
 ATrain = Callable[..., Any]
 CLOSE = DoorCommand(enable_left=False, enable_right=False, open_left=False, open_right=False)
@@ -48,6 +52,64 @@ def test_without_line_voltage_there_is_no_effort_and_friction_brakes(
     assert power.returned_j > returned_j
     train.run(4.0, train.RELEASED, train.driving(100_000.0))
     assert train.world.drive_n > 90_000.0
+
+
+def test_a_train_is_without_power_while_any_part_of_it_is_in_a_section_that_is_off(
+    a_train: ATrain,
+) -> None:
+    """The front enters the dead section at once; the rear leaves it 266 m further on."""
+    fault = {"kind": "power_section_off", "section": "S2", "start_s": 1.0}
+    train = a_train(fault, speed_mps=20.0, front_m=190.0)
+    world = train.world
+    ends_m = (-120.0, 200.0, 400.0, 4700.0)
+    world.line = replace(
+        world.line,
+        power_sections=tuple(
+            LineZone(*ends, f"S{n}") for n, ends in enumerate(itertools.pairwise(ends_m), start=1)
+        ),
+    )
+    train.run(0.9, train.RELEASED, train.driving(100_000.0))
+    assert world.drive_n > 0.0
+    assert world.is_in("S2")
+
+    train.run(0.2, train.RELEASED, train.driving(100_000.0))
+    dead_m: list[float] = []
+    for _ in train.each_step(18.0, train.RELEASED, train.driving(100_000.0)):
+        if world.power.supply().line_voltage_v == 0.0:
+            dead_m.append(world.front_m)
+            assert world.drive_n == 0.0
+    assert dead_m[0] < 230.0
+    assert dead_m[-1] == pytest.approx(400.0 + world.length_m, abs=0.5)
+    assert world.drive_n > 0.0
+    assert not world.is_in("S2")
+
+
+def test_a_section_feeds_again_when_its_fault_ends(a_train: ATrain) -> None:
+    fault = {"kind": "power_section_off", "section": "S1", "start_s": 1.0, "end_s": 3.0}
+    train = a_train(fault, speed_mps=15.0)
+    sections = (LineZone(-120.0, 4700.0, "S1"),)
+    train.world.line = replace(train.world.line, power_sections=sections)
+    train.run(1.1, train.braking(0.6))
+    drawn_j = train.world.power.drawn_j
+
+    train.run(1.8, train.braking(0.6))
+    assert train.world.power.drawn_j == drawn_j
+    assert train.world.brake.electric_n == 0.0
+    assert train.decel_mps2 == pytest.approx(0.6, rel=1e-3)
+
+    train.run(3.0, train.braking(0.6))
+    assert train.world.brake.electric_n > 0.0
+
+
+def test_a_section_that_the_line_has_not_is_refused() -> None:
+    faults = read_faults([{"kind": "power_section_off", "section": "S3"}], "scenario")
+    train = load_train("florence4")
+
+    with pytest.raises(SettingsError, match="section: 'S3': the line has no power sections"):
+        check_fitting(faults, FaultTargets(train), "scenario")
+    with pytest.raises(SettingsError, match="section: 'S3': no such section; valid names: S1, S2"):
+        check_fitting(faults, FaultTargets(train, sections=frozenset({"S1", "S2"})), "scenario")
+    check_fitting(faults, FaultTargets(train, sections=frozenset({"S3"})), "scenario")
 
 
 def test_energy_is_conserved_at_an_outage(a_train: ATrain) -> None:

@@ -10,7 +10,14 @@ from typing import Any
 import pytest
 
 from firmware_py.settings import SettingsError, override, shipped_names
-from firmware_py.trackdb import GradientSection, LineMap, Station, StoppingPoint, load_line
+from firmware_py.trackdb import (
+    GradientSection,
+    LineMap,
+    LineZone,
+    Station,
+    StoppingPoint,
+    load_line,
+)
 from metro_hil.cli.vobc import main
 from vobc.config import VobcConfig, load_config
 from vobc.plausible import check_plausible, implausible
@@ -254,3 +261,32 @@ def test_a_slip_of_the_pen_is_one_line_with_file_and_range(
     [said] = capsys.readouterr().err.splitlines()
     assert "mine.toml" in said
     assert "door_window_m 1000000000.0 is not in 0.05..1" in said
+
+
+NORTH, SOUTH = LineZone(-120.0, 900.0, "North"), LineZone(900.0, 4700.0, "South")
+
+
+@pytest.mark.parametrize(
+    ("sections", "neutral", "text"),
+    [
+        ((), (), ""),
+        ((NORTH, SOUTH), (), ""),
+        ((NORTH, replace(SOUTH, start_m=1000.0)), (LineZone(900.0, 1000.0),), ""),
+        (
+            (NORTH, replace(SOUTH, start_m=900.5)),
+            (),
+            "none from 900 m to 900.5 m, between North, -120 m to 900 m and South, 900.5 m to",
+        ),
+        ((NORTH,), (), "none from 900 m to 4700 m, between North, -120 m to 900 m and the end of"),
+        ((SOUTH,), (), "none from -120 m to 900 m, between the start of the line and South, 900 m"),
+    ],
+)
+def test_power_sections_leave_no_gap(
+    sections: tuple[LineZone, ...], neutral: tuple[LineZone, ...], text: str
+) -> None:
+    line = replace(load_line("florence"), power_sections=sections, neutral_sections=neutral)
+
+    found = [each for each in implausible(CONFIG, line) if "power_sections" in each]
+
+    assert len(found) == bool(text)
+    assert text in "".join(found)

@@ -63,6 +63,7 @@ def test_mirrored_places_have_the_same_chainage_to_the_last_bit(
         platforms=(platform,),
         gradients=tuple(GradientSection(*pair, 5.0 * n) for n, pair in enumerate(pairs, 1)),
         neutral_sections=(TrackZone(*pairs[2]),),
+        power_sections=tuple(TrackZone(*pair, f"S{n}") for n, pair in enumerate(pairs)),
         tags=tuple(TrackTag(n, at_m) for n, at_m in enumerate(edges_m, 1)),
     )
     network = TrackNetwork("drawn", (track,), buffer_stops=("main.start", "main.end"))
@@ -93,6 +94,28 @@ def test_zones_hold_for_the_directions_that_they_name_and_join_where_tracks_meet
     (joint, other) = down.neutral_sections
     assert joint.end_m - joint.start_m == pytest.approx(18.0)
     assert other.end_m - other.start_m == pytest.approx(30.0)
+
+
+@pytest.mark.parametrize(("name", "sections"), [("S1", ["S1"]), ("S2", ["S1", "S2"])])
+def test_power_sections_join_only_with_parts_of_the_same_name(
+    name: str, sections: list[str]
+) -> None:
+    near = straight("near", 0.0, 300.0, power_sections=(TrackZone(0.0, 300.0, "S1"),))
+    platform = PlatformEdge("S", 0.0, 100.0, stop_up_m=90.0, stop_down_m=10.0)
+    far = straight(
+        *("far", 0.0, 200.0), platforms=(platform,), power_sections=(TrackZone(0.0, 200.0, name),)
+    )
+    network = TrackNetwork(
+        "two", (near, far), (Join("near.end", "far.start"),), (), ("near.start", "far.end")
+    )
+
+    up = make_path(network, "up", (("near", UP), ("far", UP))).line
+    down = make_path(network, "down", (("far", DOWN), ("near", DOWN))).line
+
+    assert [each.name for each in up.power_sections] == sections
+    assert [each.name for each in down.power_sections] == sections[::-1]
+    assert [each.end_m for each in up.power_sections[:-1]] == [300.0] * (len(sections) - 1)
+    assert up.power_sections[-1].end_m == 500.0
 
 
 @pytest.mark.parametrize("name", SHIPPED)
@@ -251,6 +274,14 @@ def test_a_crossing_that_contradicts_itself_is_refused(
     ("parts", "problem"),
     [
         ({"gradients": (GradientSection(0.0, 9.0, 1.0), GradientSection(8.0, 9.0, 1.0))}, "before"),
+        (
+            {"power_sections": (TrackZone(0.0, 9.0, "S1", Serves.UP),)},
+            "S1: direction up: a contact line feeds both",
+        ),
+        (
+            {"power_sections": (TrackZone(0.0, 9.0, "S1"), TrackZone(8.0, 9.0, "S2"))},
+            "power_sections: S2 at 8 m begins before S1 ends, at 9 m",
+        ),
         ({"tags": (TrackTag(1, 101.0),)}, "tag 1 at 101 m is not on the track"),
         ({"tags": (TrackTag(1, 5.0), TrackTag(2, 5.0))}, "out of order"),
         ({"platforms": (PlatformEdge("S", -1.0, 9.0),)}, "not on the track"),

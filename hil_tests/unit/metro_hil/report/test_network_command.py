@@ -126,6 +126,7 @@ def test_a_train_turns_only_onto_a_route_that_leaves_over_its_track() -> None:
 
 def test_show_and_draw_name_the_zones(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     zone = '\n[[tracks.neutral_sections]]\nstart_m = 450.0\nend_m = 480.0\nname = "gap"\n'
+    zone += zone.replace("neutral", "power").replace("gap", "Lock & Mill")
     text = JUNCTION.read_text(encoding="utf-8")
     first = text.index("[[tracks]]")
     second = text.index("[[tracks]]", first + 1)
@@ -133,7 +134,11 @@ def test_show_and_draw_name_the_zones(capsys: pytest.CaptureFixture[str], tmp_pa
     path.write_text(text[:second] + zone + "\n" + text[second:], encoding="utf-8")
 
     assert main(["show", str(path)]) == 0
-    assert "neutral section gap, 450 m to 480 m, both" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "neutral section gap, 450 m to 480 m, both" in shown
+    assert "power section Lock & Mill, 450 m to 480 m, both" in shown
     drawn = network_svg(load_network(str(path)))
     assert drawn.count('class="neutral"') == 1
     assert ">gap<" in drawn
+    assert drawn.count('class="power"') == 1
+    assert ">Lock &amp; Mill<" in drawn

@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import pytest
 
+from firmware_py import settings
 from firmware_py.settings import SettingsError
 from metro_hil.watch.fault_acts import FaultActs, open_fault_acts
 from plant_emulator.cli.by_hand import FAULT_ACTS, FAULT_RECORD
@@ -82,6 +83,21 @@ def test_a_person_sets_routes_and_fails_switches_of_a_network_alone(
     assert kinds_of(network)["switch_stray"]["missing"] == ""
     wrong = {"act": "start", "fault": "switch_lost", "values": {"switch": "W9"}}
     assert "switch: 'W9': no such switch; valid names: W1" in network.act(wrong)
+
+
+def test_power_sections_fail_only_on_a_line_that_has_them(acts: FaultActs, tmp_path: Path) -> None:
+    assert "no power sections" in kinds_of(acts)["power_section_off"]["missing"]
+    path = tmp_path / "fed.toml"
+    text = settings.text_of(settings.find("florence", "firmware_py.trackdb"))
+    section = "\n[[power_sections]]\nstart_m = -120.0\nend_m = 4700.0\nname = 'S7'\n"
+    path.write_text(text + section, encoding="utf-8")
+
+    fed = acts_of(tmp_path, lockstep=True, line=str(path))
+
+    assert kinds_of(fed)["power_section_off"]["missing"] == ""
+    wanted = {"act": "start", "fault": "power_section_off", "values": {"section": "S7"}}
+    assert fed.act(wanted) == ""
+    assert "valid names: S7" in fed.act({**wanted, "values": {"section": "S8"}})
 
 
 def test_acts_reach_the_plant_with_the_number_of_the_record(
