@@ -3,13 +3,13 @@
 import json
 from collections.abc import Callable, Mapping, Sequence
 from decimal import Decimal
-from typing import Any, Final, TypeVar
+from typing import Any, Final, Protocol, TypeVar
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from firmware_py.trackdb import LineMap, Station
-from firmware_py.trackdb.sites import CurveSection, GradientSection
-from metro_hil.exchange.railml_own import REGISTER, ZONES
+from firmware_py.trackdb.sites import CurveSection, GradientSection, Stretch
+from metro_hil.exchange.railml_own import OWN_ZONES, REGISTER
 
 NAMESPACE: Final = "https://www.railml.org/schemas/3.2"
 TRACK: Final = "ne_track"
@@ -21,6 +21,13 @@ LANGUAGE: Final = "en"
 SHORT_DECIMALS: Final = 9
 Owner = TypeVar("Owner")
 """A line or a track."""
+
+
+class Named(Stretch, Protocol):
+    """A stretch of a line or track with a name."""
+
+    @property
+    def name(self) -> str: ...
 
 
 def railml_text(line: LineMap) -> str:
@@ -35,6 +42,7 @@ def railml_text(line: LineMap) -> str:
     functional = SubElement(infrastructure, "functionalInfrastructure")
     _balises(functional, line)
     _buffer_stops(functional, line)
+    write_power_sections(functional, [(line, each) for each in line.power_sections], _range)
     _line(functional, line)
     _operational_points(functional, line)
     _platforms(functional, line)
@@ -78,11 +86,11 @@ def _common(root: Element, line: LineMap) -> None:
             "linearReferencingMethod": "absolute",
         },
     )
-    _name(system, f"chainage of {line.name}")
+    write_name(system, f"chainage of {line.name}")
     SubElement(system, "isValid")
 
 
-def _name(parent: Element, name: str) -> None:
+def write_name(parent: Element, name: str) -> None:
     SubElement(parent, "name", {"name": name, "language": LANGUAGE})
 
 
@@ -191,6 +199,21 @@ def write_geometry(
             place(SubElement(group, "gradientCurve", keys), owner, grade.start_m, grade.end_m)
 
 
+def write_power_sections(
+    parent: Element,
+    sections: Sequence[tuple[Owner, Named]],
+    place: Callable[[Element, Owner, float, float], object],
+) -> None:
+    """Write power sections, each with its line or track; see `write_geometry`."""
+    if not sections:
+        return
+    group = SubElement(parent, "electrifications")
+    for number, (owner, section) in enumerate(sections, start=1):
+        node = SubElement(group, "electrificationSection", {"id": f"els{number}"})
+        write_name(node, section.name)
+        place(node, owner, section.start_m, section.end_m)
+
+
 def _balises(parent: Element, line: LineMap) -> None:
     if not line.tags:
         return
@@ -198,7 +221,7 @@ def _balises(parent: Element, line: LineMap) -> None:
     for tag in line.tags:
         node = SubElement(group, "balise", {"id": f"bal{tag.tag_id}", "type": "fixed"})
         where = f" of {tag.station}" if tag.station is not None else ""
-        _name(node, f"{tag.kind.value} {tag.tag_id}{where}")
+        write_name(node, f"{tag.kind.value} {tag.tag_id}{where}")
         _spot(node, line, tag.position_m)
         keys: dict[str, Any] = {"tag_id": tag.tag_id, "kind": tag.kind.value}
         _own(node, keys | ({"station": tag.station} if tag.station is not None else {}))
@@ -213,14 +236,14 @@ def _buffer_stops(parent: Element, line: LineMap) -> None:
 
 def _line(parent: Element, line: LineMap) -> None:
     node = SubElement(SubElement(parent, "lines"), "line", {"id": "line1"})
-    _name(node, line.name)
+    write_name(node, line.name)
     _range(node, line, line.start_m, line.end_m)
     keys: dict[str, Any] = {
         "name": line.name,
         "description": line.description,
         "rollback_m": line.rollback_m,
     }
-    for key in ZONES:
+    for key in OWN_ZONES:
         if zones := getattr(line, key):
             keys[key] = [
                 {"start_m": each.start_m, "end_m": each.end_m}
@@ -239,7 +262,7 @@ def _operational_points(parent: Element, line: LineMap) -> None:
     group = SubElement(parent, "operationalPoints")
     for number, station in _numbered(line):
         node = SubElement(group, "operationalPoint", {"id": f"opp{number}"})
-        _name(node, station.name)
+        write_name(node, station.name)
         _spot(node, line, station.stop_m)
         _own(node, _station_keys(station))
         equipment = SubElement(node, "opEquipment")
@@ -274,7 +297,7 @@ def _platforms(parent: Element, line: LineMap) -> None:
     for number, station in _numbered(line):
         ends_m = (station.platform_start_m, station.platform_end_m)
         platform = SubElement(platforms, "platform", {"id": f"plf{number}"})
-        _name(platform, station.name)
+        write_name(platform, station.name)
         _range(platform, line, *ends_m, station.side.value)
         SubElement(platform, "ownsPlatformEdge", {"ref": f"ple{number}"})
         edge = SubElement(
@@ -295,7 +318,7 @@ def _stopping_places(parent: Element, line: LineMap) -> None:
     for number, station in _numbered(line):
         keys = {"id": f"stp{number}", "trainRelation": "headOfTrain"}
         node = SubElement(group, "stoppingPlace", keys)
-        _name(node, station.name)
+        write_name(node, station.name)
         _spot(node, line, station.stop_m)
         SubElement(node, "allowsUsageOfPlatformEdge", {"ref": f"ple{number}"})
 

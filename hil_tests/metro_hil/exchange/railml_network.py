@@ -10,10 +10,10 @@ from xml.etree import ElementTree
 from firmware_py.settings import SettingsError, build
 from firmware_py.trackdb.network import TrackNetwork
 from metro_hil.exchange.railml_network_export import ExportedNetwork, railml_network_text
-from metro_hil.exchange.railml_own import ZONES, own_keys, tag_keys
+from metro_hil.exchange.railml_own import OWN_ZONES, own_keys, tag_keys
 from metro_hil.exchange.railml_places import RailmlPlaces, read_places
 from metro_hil.exchange.railml_stations import read_stations
-from metro_hil.exchange.railml_supply import read_neutral_sections
+from metro_hil.exchange.railml_supply import read_supply
 from metro_hil.exchange.survey import file_name
 from metro_hil.exchange.surveyed_network import (
     FileTerms,
@@ -38,10 +38,6 @@ IGNORED: Final = {
     ("signalsIS", "signalIS"): "the authority comes by radio",
     ("trainDetectionElements", "trainDetectionElement"): "the bench knows where its train is",
     ("levelCrossingsIS", "levelCrossingIS"): "the bench has none",
-    (
-        "electrifications",
-        "electrificationSection",
-    ): "the supply is that of the train, but for neutral sections",
     ("overCrossings", "overCrossing"): "the emulated train has no tunnel resistance",
 }
 
@@ -58,7 +54,8 @@ def read_infrastructure(root: XmlNode) -> SurveyedNetwork:
     line_keys = next(
         (keys for node in root.all(*FUNCTIONAL, "lines", "line") if (keys := own_keys(node))), {}
     )
-    neutral = read_neutral_sections(root, places)
+    zones = _zones(root, places, line_keys)
+    supply = read_supply(root, places, zones)
     network = SurveyedNetwork(
         name=str(line_keys.get("name") or file_name(Path(root.source).stem)),
         source=root.source,
@@ -69,9 +66,9 @@ def read_infrastructure(root: XmlNode) -> SurveyedNetwork:
         platforms=stations.platforms,
         station_keys=stations.keys,
         line_keys={
-            key: value for key, value in line_keys.items() if key not in (*ZONES, "network")
+            key: value for key, value in line_keys.items() if key not in (*OWN_ZONES, "network")
         },
-        zones=[*_zones(root, places, line_keys), *neutral.zones],
+        zones=[*zones, *supply.zones],
         limits=[*_limits(root, places), *_branch_limits(root, places, relations)],
         gradients=_curves(root, places, "gradientCurves", "gradientCurve", "gradient"),
         radii=_curves(root, places, "horizontalCurves", "horizontalCurve", "radius"),
@@ -79,7 +76,7 @@ def read_infrastructure(root: XmlNode) -> SurveyedNetwork:
         switches=_switches(root, relations),
         origins_m=_origins_m(places),
         filled=(*stations.filled, *_shared(places), *_open_ends(root, places, links)),
-        ignored=(*stations.left_out, *neutral.left_out, *_ignored(root)),
+        ignored=(*stations.left_out, *supply.left_out, *_ignored(root)),
     )
     table = line_keys.get("network")
     return _with_own_table(network, table) if isinstance(table, dict) else network
@@ -112,7 +109,7 @@ def _zones(root: XmlNode, places: RailmlPlaces, line_keys: Mapping[str, Any]) ->
     track = next(iter(places.lengths_m))
     origin_m = _origins_m(places).get(track, 0.0)
     found = []
-    for key in ZONES:
+    for key in OWN_ZONES:
         try:
             found += [
                 SurveyedZone(

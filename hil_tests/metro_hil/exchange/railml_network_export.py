@@ -11,7 +11,14 @@ from xml.etree.ElementTree import Element, SubElement
 
 from firmware_py.trackdb import PlatformSide
 from firmware_py.trackdb.network import Running, Serves, Track, TrackNetwork
-from metro_hil.exchange.railml_export import LANGUAGE, NAMESPACE, decimal_text, kmh, write_geometry
+from metro_hil.exchange.railml_export import (
+    NAMESPACE,
+    decimal_text,
+    kmh,
+    write_geometry,
+    write_name,
+    write_power_sections,
+)
 from metro_hil.exchange.railml_own import REGISTER
 from metro_hil.exchange.survey import file_name
 
@@ -41,6 +48,8 @@ def railml_network_text(exported: ExportedNetwork) -> str:
     write_geometry(infrastructure, curves, grades, _range)
     functional = SubElement(infrastructure, "functionalInfrastructure")
     _buffer_stops(functional, network)
+    sections = [(track, each) for track in network.tracks for each in track.power_sections]
+    write_power_sections(functional, sections, _range)
     _line(functional, exported)
     _stations(functional, network)
     _speeds(functional, network)
@@ -53,10 +62,6 @@ def railml_network_text(exported: ExportedNetwork) -> str:
 def _id(track: str) -> str:
     """The id of a track's netElement: its name, where that is an id of XML."""
     return track if IDENTIFIER.fullmatch(track) else f"ne_{file_name(track)}"
-
-
-def _name(parent: Element, name: str) -> None:
-    SubElement(parent, "name", {"name": name, "language": LANGUAGE})
 
 
 def _difference(at_m: float, from_m: float) -> str:
@@ -76,7 +81,7 @@ def _systems(root: Element, network: TrackNetwork) -> None:
             "linearReferencingMethod": "absolute",
         }
         system = SubElement(systems, "linearPositioningSystem", keys)
-        _name(system, f"chainage of {track.name}")
+        write_name(system, f"chainage of {track.name}")
         SubElement(system, "isValid")
 
 
@@ -147,7 +152,7 @@ def _buffer_stops(parent: Element, network: TrackNetwork) -> None:
 def _line(parent: Element, exported: ExportedNetwork) -> None:
     """The network as a line, whose designator has the table of the file."""
     line = SubElement(SubElement(parent, "lines"), "line", {"id": "line1"})
-    _name(line, exported.network.name)
+    write_name(line, exported.network.name)
     if exported.table:
         entry = json.dumps({"network": exported.table}, ensure_ascii=False, sort_keys=True)
         SubElement(line, "designator", {"register": REGISTER, "entry": entry})
@@ -161,14 +166,14 @@ def _stations(parent: Element, network: TrackNetwork) -> None:
     platforms = SubElement(parent, "platforms")
     for number, station in enumerate(dict.fromkeys(edge.station for _, edge in edges), start=1):
         point = SubElement(points, "operationalPoint", {"id": f"opp{number}"})
-        _name(point, station)
+        write_name(point, station)
         equipment = SubElement(point, "opEquipment")
         for index, (track, edge) in enumerate(edges, start=1):
             if edge.station != station:
                 continue
             SubElement(equipment, "ownsPlatform", {"ref": f"plf{index}"})
             platform = SubElement(platforms, "platform", {"id": f"plf{index}"})
-            _name(platform, station)
+            write_name(platform, station)
             part = _range(platform, track, edge.start_m, edge.end_m)
             for end, at_m in (("Begin", edge.start_m), ("End", edge.end_m)):
                 keys = {
@@ -195,7 +200,7 @@ def _switches(parent: Element, network: TrackNetwork) -> None:
     group = SubElement(parent, "switchesIS")
     for number, switch in enumerate(network.switches, start=1):
         node = SubElement(group, "switchIS", {"id": f"swi{number}", "type": "ordinarySwitch"})
-        _name(node, switch.name)
+        write_name(node, switch.name)
         for side, end in (("left", switch.left), ("right", switch.right)):
             branching_mps, joining_mps = _branch_mps(network, end)
             keys = {

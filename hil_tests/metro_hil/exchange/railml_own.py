@@ -3,12 +3,13 @@
 import json
 from typing import Any, Final
 
+from firmware_py.trackdb.sites import POWER, ZONES
 from metro_hil.exchange.xml_node import XmlNode
 
 REGISTER: Final = "metro VOBC bench"
 """Register of designators whose entry is a JSON object with keys of line files."""
 
-ZONES: Final = ("neutral_sections", "no_stop_zones", "evacuation_stops")
+OWN_ZONES: Final = tuple(key for key in ZONES if key != POWER)
 """Keys of a line whose zones lie on its only netElement, by the chainage of the line."""
 
 

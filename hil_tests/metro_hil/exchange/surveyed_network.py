@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from firmware_py.settings import SettingsError, nearest
 from firmware_py.trackdb.line_map import CHAINAGE_MAX_M, CHAINAGE_MIN_M
+from firmware_py.trackdb.sites import POWER
 from metro_hil.exchange.survey import CurvedStretch, SurveyedLine
 from metro_hil.exchange.track_graph import PathPiece, PlaceOnTrack, TrackGraph, shortest_path
 
@@ -50,7 +51,7 @@ class SurveyedPlatform:
 
 @dataclass(frozen=True, slots=True)
 class SurveyedZone:
-    """A neutral section or a no-stop zone on a track section."""
+    """A zone on a track section, such as a neutral section."""
 
     key: str
     """Key of line files that has such zones."""
@@ -289,13 +290,14 @@ def _zones(
                 start_m, end_m = (_m(m) for m in piece.chainages_m(zone.begin_m, zone.end_m))
                 if start_m < end_m:
                     found.setdefault(zone.key, []).append(zone.keys(start_m, end_m))
-    return {key: _joined(zones) for key, zones in found.items()}
+    return {key: _joined(zones, by_name=key == POWER) for key, zones in found.items()}
 
 
-def _joined(zones: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def _joined(zones: Sequence[dict[str, Any]], *, by_name: bool) -> list[dict[str, Any]]:
     joined: list[dict[str, Any]] = []
     for zone in sorted(zones, key=lambda each: (each["start_m"], each["end_m"])):
-        if joined and zone["start_m"] <= joined[-1]["end_m"]:
+        apart = by_name and joined and joined[-1]["name"] != zone["name"]
+        if joined and zone["start_m"] <= joined[-1]["end_m"] and not apart:
             joined[-1]["end_m"] = max(joined[-1]["end_m"], zone["end_m"])
         else:
             joined.append(dict(zone))

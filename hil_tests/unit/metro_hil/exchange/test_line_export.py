@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from firmware_py.settings import build
 from firmware_py.trackdb import LineMap, LineZone, load_line
+from firmware_py.trackdb.sites import ZONES
 from metro_hil.exchange import export_command, import_command
 from metro_hil.exchange.line_rules import FittedTrain, complete_line
 from metro_hil.exchange.railml_export import railml_text
@@ -61,6 +62,7 @@ def lines(draw: st.DrawFn) -> LineMap:
     end_m = round(at_m + 100.0, 3)
     tags = sorted(draw(st.sets(millimetres(start_m, end_m), max_size=8)))
     names = [None, *(station["name"] for station in stations)]
+    divided = cuts(draw, start_m, end_m, 3) if draw(st.booleans()) else []
     table = {
         "name": "drawn-line",
         "description": draw(st.sampled_from(("", "Two lines\nof 'text' & <more>"))),
@@ -91,6 +93,10 @@ def lines(draw: st.DrawFn) -> LineMap:
             {"start_m": a, "end_m": b}
             for a, b in list(itertools.pairwise(cuts(draw, start_m, end_m, 4)))[1::2]
         ],
+        "power_sections": [
+            {"start_m": a, "end_m": b, "name": f"S & {number}"}
+            for number, (a, b) in enumerate(itertools.pairwise(divided))
+        ],
         "no_stop_zones": [
             {
                 "start_m": round(start_m + 3.0, 3),
@@ -112,7 +118,7 @@ def same_everywhere(one: LineMap, other: LineMap) -> None:
     """The same places, and the same values between any two of them."""
     for name in (
         *("name", "description", "start_m", "end_m", "stations", "tags", "rollback_m"),
-        *("neutral_sections", "no_stop_zones", "evacuation_stops"),
+        *ZONES,
     ):
         assert getattr(one, name) == getattr(other, name), name
     edges_m: set[float] = set()
@@ -197,8 +203,8 @@ def test_mistakes_of_an_export_are_named(
 
 
 # The order in which the schemas of railML 3.2 have these elements.
-GROUPS: Final = ("balises", "bufferStops", "lines", "operationalPoints", "platforms")
-MORE_GROUPS: Final = ("platformEdges", "speeds", "stoppingPlaces", "tracks")
+GROUPS: Final = ("balises", "bufferStops", "electrifications", "lines", "operationalPoints")
+MORE_GROUPS: Final = ("platforms", "platformEdges", "speeds", "stoppingPlaces", "tracks")
 REFERENCES: Final = ("ref", "netElementRef", "positioningSystemRef", "belongsToPlatform")
 PARTS: Final = ("name", "isValid", "linearLocation", "spotLocation", "designator")
 

@@ -130,7 +130,7 @@ def imported(folder: Path, *arguments: str) -> LineMap:
     [
         ("none", "", True, ""),
         ("none", "<whole/>", False, "a whole track without power"),
-        ("overhead", "", False, "supply is that of the train"),
+        ("overhead", "", False, "the begin of w and the end of w leave a gap at 0 m of w"),
         ("overhead", '<phaseSeparationSection lengthPhaseSeparation="200"/>', True, ""),
         ("thirdRail", '<systemSeparationSection lengthSystemSeparation="199"/>', True, ""),
         (
@@ -159,6 +159,53 @@ def test_sections_without_power_are_neutral_sections(
 
     found = [(zone.key, zone.track, zone.begin_m, zone.end_m) for zone in network.zones]
     assert found == ([("neutral_sections", "m", 1400.0, 1600.0)] if neutral else [])
+    assert text in "".join(network.ignored)
+
+
+def section(name: str, track: str, ends: str = "", child: str = "") -> str:
+    return (
+        f'<electrificationSection id="{name}" contactLineType="overhead">{child}'
+        f'<linearLocation id="{name}l"><associatedNetElement netElementRef="{track}" '
+        f'keepsOrientation="true" {ends}/></linearLocation></electrificationSection>'
+    )
+
+
+MAIN: Final = section("S1", "m", 'posBegin="0" posEnd="700"') + section("S2", "m", 'posBegin="700"')
+
+
+@pytest.mark.parametrize(
+    ("sections", "named", "text"),
+    [
+        (section("S0", "w") + section("S3", "l") + MAIN, "S0 S1 S2 S3", ""),
+        # A section that others divide says nothing that they do not say.
+        (
+            section("all", "m")
+            + section("S0", "w")
+            + section("S3", "l")
+            + MAIN.replace('"overhead">', '"overhead"><belongsToParent ref="all"/>'),
+            "S0 S1 S2 S3",
+            "",
+        ),
+        (section("S0", "w") + section("S3", "l") + section("S1", "m") * 2, "", "S1 and S1 overlap"),
+        (section("S0", "w") + MAIN, "", "the begin of l and the end of l leave a gap at 0 m of l"),
+        (
+            section("S0", "w") + section("S3", "l") + MAIN.replace('End="700"', 'End="690"'),
+            "",
+            "S1 and S2 leave a gap at 690 m of m",
+        ),
+    ],
+)
+def test_sections_that_cover_each_track_once_are_power_sections(
+    sections: str, named: str, text: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "power.railml"
+    group = f"<electrifications>{sections}</electrifications><speeds>"
+    path.write_text(TRACKS.replace("<speeds>", group), encoding="utf-8")
+
+    network = read_infrastructure(read_xml(path))
+
+    assert " ".join(sorted(each.name for each in network.zones)) == named
+    assert {each.key for each in network.zones} <= {"power_sections"}
     assert text in "".join(network.ignored)
 
 
