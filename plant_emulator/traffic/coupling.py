@@ -5,9 +5,11 @@ direction it also reports its rear, and receives that of the train ahead.
 """
 
 import math
+from bisect import bisect_right
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
+from firmware_py.trackdb import LineZone
 from plant_emulator.power import flow
 from plant_emulator.power.network import Balance, Load
 from plant_emulator.power.supplies import Supply
@@ -56,6 +58,10 @@ class Books:
         """Energies that inverters returned to the grid, and that storages gave less what they took.
         """
         self.lowest_v, self.highest_v = 1.0e9, 0.0
+        self.drawn_j: dict[str, float] = {}
+        """Energy that trains took from each power section of the line, by name."""
+        self.fed_back_j: dict[str, float] = {}
+        """Energy that trains gave to each power section, likewise."""
 
     @property
     def lost_j(self) -> float:
@@ -125,9 +131,18 @@ class PowerCoupling:
 class Coupling(PowerCoupling):
     """Coupling of all trains of a line in one direction, the foremost first."""
 
-    def __init__(self, config: TrafficConfig, supply: Supply) -> None:
+    def __init__(
+        self, config: TrafficConfig, supply: Supply, sections: Sequence[LineZone] = ()
+    ) -> None:
+        """Args:
+        sections: power sections of the line. A train belongs to that of its front.
+        """
         super().__init__(supply)
         self._config = config
+        self._sections = sections
+        self._starts_m = [each.start_m for each in sections]
+        for name in dict.fromkeys(each.name for each in sections):
+            self.books.drawn_j[name] = self.books.fed_back_j[name] = 0.0
 
     def answers(self, said: Sequence[IntervalReport]) -> list[CouplingAnswer]:
         """Solve one interval for the whole line."""
@@ -140,10 +155,19 @@ class Coupling(PowerCoupling):
             )
             for each in said
         ]
+        feeds = self.feed(loads)
+        for each, feed in zip(said, feeds, strict=True):
+            self._book_section(each.front_m, feed.voltage_v * feed.current_a * INTERVAL_S)
         return [
             CouplingAnswer(*feed, self._leader_rear_m(train, said))
-            for train, feed in enumerate(self.feed(loads))
+            for train, feed in enumerate(feeds)
         ]
+
+    def _book_section(self, front_m: float, net_j: float) -> None:
+        index = bisect_right(self._starts_m, front_m) - 1
+        if index >= 0 and front_m < self._sections[index].end_m:
+            book = self.books.drawn_j if net_j >= 0.0 else self.books.fed_back_j
+            book[self._sections[index].name] += abs(net_j)
 
     def _leader_rear_m(self, train: int, said: Sequence[IntervalReport]) -> float:
         """Return the rear of the train ahead.

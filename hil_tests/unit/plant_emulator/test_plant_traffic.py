@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from firmware_py.settings import SettingsError
-from firmware_py.trackdb import load_line
+from firmware_py.trackdb import LineZone, load_line
 from plant_emulator.power.supplies import load_supply
 from plant_emulator.traffic.config import load_traffic, plan_traffic, traffic_of
 from plant_emulator.traffic.coupling import INTERVAL_S, Coupling, IntervalReport
@@ -143,6 +143,23 @@ def test_a_braking_train_feeds_an_accelerating_one_nearby() -> None:
         assert books.trains_j == pytest.approx(trains_j, rel=1e-6)
         assert abs(books.closure_ratio) < 1e-6
         assert sum(coupling.substations_w) * INTERVAL_S == pytest.approx(books.sources_j)
+
+
+def test_the_energy_of_the_power_sections_is_that_of_all_trains() -> None:
+    ends_m = (0.0, 3950.0, 8000.0, 16000.0)
+    sections = [LineZone(*pair, f"S{n}") for n, pair in enumerate(itertools.pairwise(ends_m), 1)]
+    coupling = Coupling(TRAFFIC, STRONG, sections)
+
+    coupling.answers([said(4000.0, gives_w=1.5e6), said(3900.0, wants_w=1.5e6)])
+    coupling.answers([said(8000.0, wants_w=1.0e6), said(7999.9, wants_w=1.0e6)])
+
+    books = coupling.books
+    assert books.drawn_j["S1"] == pytest.approx(1.6e6 * INTERVAL_S, rel=1e-3)
+    assert books.fed_back_j == {"S1": 0.0, "S2": pytest.approx(1.4e6 * INTERVAL_S), "S3": 0.0}
+    assert books.drawn_j["S2"] == pytest.approx(1.1e6 * INTERVAL_S, rel=1e-3)
+    assert books.drawn_j["S3"] == pytest.approx(books.drawn_j["S2"], rel=1e-3)
+    net_j = sum(books.drawn_j.values()) - sum(books.fed_back_j.values())
+    assert net_j == pytest.approx(books.trains_j, rel=1e-6)
 
 
 def open_line(folder: Path, traffic: str = "", supply: str = "") -> str:

@@ -13,7 +13,14 @@ from firmware_py.clock.clock import WallClock
 from firmware_py.interrupts import Interrupts
 from firmware_py.storage.recorder import loss_text
 from firmware_py.storage.whole_file import write_whole
-from metro_hil.line.energy import COLUMNS, cells_of, keys_of_network, keys_of_train, summary_of
+from metro_hil.line.energy import (
+    COLUMNS,
+    J_PER_KWH,
+    cells_of,
+    keys_of_network,
+    keys_of_train,
+    summary_of,
+)
 from metro_hil.line.virtual.coordinator import LineRecord, TrainDiedError, conduct
 from metro_hil.line.virtual.member import LinePlan, VirtualTrainReport, plan_line
 from metro_hil.model.end_condition import DURATION, INTERRUPTED
@@ -120,6 +127,14 @@ def as_document(plan: LinePlan, record: LineRecord, exit_reason: str) -> dict[st
         "exit_reason": exit_reason,
         "duration_s": record.duration_s,
         **keys_of_network(record.coupling, energies),
+        "sections": [
+            {
+                "section": name,
+                "drawn_kwh": drawn_j / J_PER_KWH,
+                "returned_kwh": record.coupling.books.fed_back_j[name] / J_PER_KWH,
+            }
+            for name, drawn_j in record.coupling.books.drawn_j.items()
+        ],
         "runs": len(runs),
         "on_time_ratio": sum(on_time) / max(1, len(on_time)),
         "worst_late_s": max((abs(run.late_s) for run in runs), default=0.0),
@@ -155,6 +170,12 @@ def _show(console: Console, record: LineRecord, document: dict[str, Any], factor
             *cells_of(report.energy),
         )
     console.print(table)
+    if document["sections"]:
+        sections = Table("power section", "drawn", "returned")
+        for row in document["sections"]:
+            energies = (f"{row[key]:.1f} kWh" for key in ("drawn_kwh", "returned_kwh"))
+            sections.add_row(row["section"], *energies)
+        console.print(sections)
     gap = document["least_gap_m"]
     parts = [
         _on_time(document),

@@ -272,7 +272,7 @@ def _coupled(
     told: Callable[[float], None],
     interrupted: Callable[[], bool],
 ) -> LineRecord:
-    coupling = Coupling(plan.traffic, plan.supply)
+    coupling = Coupling(plan.traffic, plan.supply, plan.line.power_sections)
     record = LineRecord(coupling)
     length_m = plan.scenarios[0].train.length_m
     for interval in range(intervals):
