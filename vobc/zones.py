@@ -123,7 +123,9 @@ def _lost_mps2(config: VobcConfig, line: LineMap, front_m: float, speed_mps: flo
     ato = config.ato
     length_m = config.train.length_m
     gradient_permille = line.mean_gradient_permille(front_m - length_m, front_m)
-    return gradient.decel_on_mps2(ato, gradient_permille) + gradient.resistance_mps2(ato, speed_mps)
+    air_ratio = line.mean_drag_ratio(front_m - length_m, front_m)
+    resistance_mps2 = gradient.resistance_mps2(ato, speed_mps, air_ratio)
+    return gradient.decel_on_mps2(ato, gradient_permille) + resistance_mps2
 
 
 class EvacuationHold:

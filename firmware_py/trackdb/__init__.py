@@ -12,6 +12,7 @@ from firmware_py.trackdb.sites import (
     StoppingPoint,
     TagKind,
     TagSite,
+    TunnelSection,
 )
 
 __all__ = [
@@ -25,5 +26,6 @@ __all__ = [
     "StoppingPoint",
     "TagKind",
     "TagSite",
+    "TunnelSection",
     "load_line",
 ]

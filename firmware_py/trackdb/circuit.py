@@ -135,6 +135,7 @@ def written_out(lap: LineMap, circuit: Circuit) -> LineMap:
         speed_sections=_shifted(lap.speed_sections, circuit.laps, length_m),
         gradients=_shifted(lap.gradients, circuit.laps, length_m),
         curves=_shifted(lap.curves, circuit.laps, length_m),
+        tunnels=_shifted(lap.tunnels, circuit.laps, length_m),
         neutral_sections=_shifted(lap.neutral_sections, circuit.laps, length_m),
         power_sections=_shifted(lap.power_sections, circuit.laps, length_m),
         no_stop_zones=_shifted(lap.no_stop_zones, circuit.laps, length_m),

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final, TypeVar
 
 from firmware_py.trackdb.sites import (
+    TUNNELS,
     ZONES,
     CurveSection,
     GradientSection,
@@ -19,6 +20,7 @@ from firmware_py.trackdb.sites import (
     Station,
     Stretch,
     TagSite,
+    TunnelSection,
     check_order,
 )
 from firmware_py.trackdb.sites import TagKind as TagKind
@@ -65,6 +67,8 @@ class LineMap:
     evacuation_stops: tuple[LineZone, ...] = ()
     """Places at which a train that is held for long stands, its front at the far end: `start_m`,
     `end_m` and `name`. They serve both directions."""
+    tunnels: tuple[TunnelSection, ...] = ()
+    """Tunnels: `start_m`, `end_m`, `drag_ratio`, and `name` if wanted."""
     # Each quantity is stored as the chainages of its changes and its values, one more than changes.
     # value[i] holds on [edge[i - 1], edge[i]), so that bisect_right(edges, at) is its index.
     _limit_edges_m: tuple[float, ...] = field(init=False, repr=False, compare=False, default=())
@@ -74,6 +78,8 @@ class LineMap:
     _height_at_edges_m: tuple[float, ...] = field(init=False, repr=False, compare=False, default=())
     _curve_edges_m: tuple[float, ...] = field(init=False, repr=False, compare=False, default=())
     _radii_m: tuple[float | None, ...] = field(init=False, repr=False, compare=False, default=())
+    _tunnel_edges_m: tuple[float, ...] = field(init=False, repr=False, compare=False, default=())
+    _drag_ratio: tuple[float, ...] = field(init=False, repr=False, compare=False, default=())
     _stops_m: tuple[float, ...] = field(init=False, repr=False, compare=False, default=())
 
     def __post_init__(self) -> None:
@@ -89,7 +95,7 @@ class LineMap:
             raise ValueError(f"rollback_m {self.rollback_m} is not in 0..{ROLLBACK_MAX_M:g}")
         self._check_stations()
         self._check_speeds()
-        for name in ("gradients", "curves", *ZONES):
+        for name in ("gradients", "curves", TUNNELS, *ZONES):
             self._check_sections(name, getattr(self, name))
         self._check_tags()
         self._index()
@@ -158,6 +164,8 @@ class LineMap:
         curves = [(c.start_m, c.end_m, c.radius_m) for c in self.curves]
         grade_edges_m, grades_permille = _pieces(grades, 0.0)
         curve_edges_m, radii_m = _pieces(curves, None)
+        tunnels = [(t.start_m, t.end_m, t.drag_ratio) for t in self.tunnels]
+        tunnel_edges_m, drag_ratios = _pieces(tunnels, 1.0)
         heights_m = [0.0]
         for (start_m, end_m), grade_permille in zip(
             itertools.pairwise(grade_edges_m), grades_permille[1:], strict=False
@@ -171,6 +179,8 @@ class LineMap:
             ("_height_at_edges_m", tuple(heights_m)),
             ("_curve_edges_m", curve_edges_m),
             ("_radii_m", radii_m),
+            ("_tunnel_edges_m", tunnel_edges_m),
+            ("_drag_ratio", drag_ratios),
             ("_stops_m", tuple(station.stop_m for station in self.stations)),
         ):
             object.__setattr__(self, name, value)
@@ -234,6 +244,19 @@ class LineMap:
     def radius_m(self, at_m: float) -> float | None:
         """Radius of the curve at one point; None on straight track."""
         return self._radii_m[bisect_right(self._curve_edges_m, at_m)]
+
+    def drag_ratio(self, at_m: float) -> float:
+        """Air drag at one point, divided by that in the open."""
+        return self._drag_ratio[bisect_right(self._tunnel_edges_m, at_m)]
+
+    def mean_drag_ratio(self, rear_m: float, front_m: float) -> float:
+        """Mean of that ratio over a stretch, such as the train's length; rear_m < front_m."""
+        assert rear_m < front_m
+        more_m = 0.0
+        for tunnel in self.tunnels:
+            inside_m = min(front_m, tunnel.end_m) - max(rear_m, tunnel.start_m)
+            more_m += max(0.0, inside_m) * (tunnel.drag_ratio - 1.0)
+        return 1.0 + more_m / (front_m - rear_m)
 
     def station(self, name: str) -> Station:
         """Return a station. Raises KeyError with the known names for an unknown one."""

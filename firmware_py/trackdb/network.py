@@ -12,6 +12,7 @@ from firmware_py.trackdb.sites import (
     PlatformSide,
     StoppingPoint,
     TagKind,
+    TunnelSection,
     check_order,
     check_siding,
 )
@@ -159,6 +160,8 @@ class Track:
     area_borders_m: tuple[float, ...] = ()
     """Where areas of trains that command themselves end on this track, besides those at switches.
     They are borders for all routes over the track, in both directions."""
+    tunnels: tuple[TunnelSection, ...] = ()
+    """Tunnels: `start_m`, `end_m`, `drag_ratio`, and `name` if wanted."""
 
     def __post_init__(self) -> None:
         if not self.name or any(each in self.name for each in " .:"):
@@ -169,6 +172,7 @@ class Track:
             self._check_limits(running)
         check_order("gradients", self.gradients)
         check_order("curves", self.curves)
+        check_order("tunnels", self.tunnels)
         for running in Running:
             for name in ZONES:
                 zones = [each for each in getattr(self, name) if each.direction.serves(running)]
@@ -223,6 +227,9 @@ class Track:
         for curve in self.curves:
             yield "curves: a section", curve.start_m
             yield "curves: a section", curve.end_m
+        for tunnel in self.tunnels:
+            yield "tunnels: a tunnel", tunnel.start_m
+            yield "tunnels: a tunnel", tunnel.end_m
         for name in ZONES:
             for zone in getattr(self, name):
                 yield f"{name}: a zone", zone.start_m

@@ -46,6 +46,7 @@ def network_of(line: LineMap) -> TrackNetwork:
         platforms=tuple(_edges(line.stations)),
         gradients=line.gradients,
         curves=line.curves,
+        tunnels=line.tunnels,
         tags=tuple(sorted(_tags(line), key=lambda tag: tag.position_m)),
         neutral_sections=_zones(line.neutral_sections),
         power_sections=_zones(line.power_sections),

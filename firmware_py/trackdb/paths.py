@@ -27,6 +27,7 @@ from firmware_py.trackdb.sites import (
     Station,
     TagKind,
     TagSite,
+    TunnelSection,
 )
 
 T = TypeVar("T")
@@ -141,6 +142,7 @@ def _line(network: TrackNetwork, name: str, legs: Sequence[Leg]) -> LineMap:
         speed_sections=_limits(legs),
         gradients=tuple(each for leg in legs for each in _gradients(leg)),
         curves=tuple(each for leg in legs for each in _curves(leg)),
+        tunnels=tuple(each for leg in legs for each in _tunnels(leg)),
         tags=tuple(sorted(_tags(legs), key=lambda tag: tag.position_m)),
         description=network.description,
         rollback_m=network.rollback_m,
@@ -205,6 +207,12 @@ def _gradients(leg: Leg) -> Iterator[GradientSection]:
 def _curves(leg: Leg) -> Iterator[CurveSection]:
     for curve in _in_order(leg, leg.track.curves):
         yield CurveSection(*leg.section_m(curve.start_m, curve.end_m), curve.radius_m)
+
+
+def _tunnels(leg: Leg) -> Iterator[TunnelSection]:
+    for tunnel in _in_order(leg, leg.track.tunnels):
+        start_m, end_m = leg.section_m(tunnel.start_m, tunnel.end_m)
+        yield replace(tunnel, start_m=start_m, end_m=end_m)
 
 
 def _zones(legs: Sequence[Leg], key: str) -> tuple[LineZone, ...]:

@@ -8,9 +8,12 @@ from typing import Final, Protocol
 
 GRADIENT_MAX_PERMILLE: Final = 120.0
 RADIUS_MIN_M: Final = 50.0
+DRAG_MAX_RATIO: Final = 10.0
+"""Far above the tunnel factor of a train in the narrowest single-track tunnel."""
 TAG_ID_MAX: Final = 2**32 - 1
 NEUTRAL: Final = "neutral_sections"
 POWER: Final = "power_sections"
+TUNNELS: Final = "tunnels"
 ZONES: Final = (NEUTRAL, POWER, "no_stop_zones", "evacuation_stops")
 """Keys of lines and tracks that have zones."""
 NAMED: Final = (POWER, "evacuation_stops")
@@ -142,6 +145,22 @@ class CurveSection:
         _check_section(self.start_m, self.end_m)
         if not self.radius_m >= RADIUS_MIN_M:
             raise ValueError(f"radius_m {self.radius_m} is under {RADIUS_MIN_M}")
+
+
+@dataclass(frozen=True, slots=True)
+class TunnelSection:
+    """A tunnel, which raises the air drag of a train."""
+
+    start_m: float
+    end_m: float
+    drag_ratio: float
+    """Air drag inside, divided by that in the open: the tunnel factor of [EN 14067-3]."""
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        _check_section(self.start_m, self.end_m)
+        if not 1.0 <= self.drag_ratio <= DRAG_MAX_RATIO:
+            raise ValueError(f"drag_ratio {self.drag_ratio} is not in 1..{DRAG_MAX_RATIO:g}")
 
 
 @dataclass(frozen=True, slots=True)

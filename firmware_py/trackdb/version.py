@@ -12,7 +12,7 @@ import json
 from typing import Any, Final
 
 from firmware_py.trackdb.line_map import LineMap
-from firmware_py.trackdb.sites import ZONES
+from firmware_py.trackdb.sites import TUNNELS, ZONES
 
 VERSION_BYTES: Final = 8
 VERSION_MAX: Final = 2 ** (8 * VERSION_BYTES) - 1
@@ -21,7 +21,7 @@ LINES_MAX: Final = 16
 NOT_VITAL: Final = frozenset({"description", "dwell_s", "run_s"})
 """Fields of a line that a timetable may change without another survey."""
 
-LEFT_OUT_EMPTY: Final = frozenset(ZONES)
+LEFT_OUT_EMPTY: Final = frozenset({*ZONES, TUNNELS})
 """Fields that count only where they have a value. A line without them keeps its version."""
 
 

@@ -45,6 +45,7 @@ class Consist:
         "_loads_n",
         "_low_m",
         "_motor_shares",
+        "_open_quadratic",
         "_quadratic",
         "_speed_gain",
         "_stiffness_n_per_m",
@@ -116,7 +117,8 @@ class Consist:
         self._speed_gain = [self._sub_step_s / car.inertia_kg for car in cars]
         self._coulomb_n = [weight * davis.a_n_per_kn for weight in per_kn]
         self._viscous = [weight * davis.b_n_per_kn_per_mps for weight in per_kn]
-        self._quadratic = [weight * davis.c_n_per_kn_per_mps2 for weight in per_kn]
+        self._open_quadratic = [weight * davis.c_n_per_kn_per_mps2 for weight in per_kn]
+        self._quadratic = list(self._open_quadratic)
 
     def _set_track(self, line: LineMap, front_m: float) -> None:
         self._tracks: list[CarTrack] = []
@@ -145,6 +147,7 @@ class Consist:
         self._gravity_n_per_m[index] = piece.gravity_n_per_m
         self._curve_n[index] = piece.curve_n
         self._curve_n_per_m[index] = piece.curve_n_per_m
+        self._quadratic[index] = self._open_quadratic[index] * piece.drag_ratio
 
     @property
     def front_m(self) -> float:

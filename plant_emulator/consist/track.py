@@ -1,7 +1,8 @@
-"""Gravity and curve resistance of one car as piecewise linear functions of its place.
+"""Gravity, curve resistance and air drag of one car as functions of its place.
 
-Both are averaged over the car's length, so that a gradient acts on the share of the car that stands
-on it.
+Gravity and curve resistance are piecewise linear: they are averaged over the car's length, so that
+a gradient acts on the share of the car that stands on it. Air drag is that of the place of the
+car's middle.
 """
 
 from bisect import bisect_right
@@ -40,6 +41,8 @@ class Piece:
     curve_n: float
     """Force against the motion in either direction."""
     curve_n_per_m: float
+    drag_ratio: float
+    """Air drag, divided by that in the open."""
 
 
 class CarTrack:
@@ -51,6 +54,7 @@ class CarTrack:
         self._line = line
         self._front_offset_m = behind_front_m
         self._rear_offset_m = behind_front_m + length_m
+        self._middle_m = behind_front_m + length_m / 2.0
         self._length_m = length_m
         self._weight_n = weight_n
         self._edges_m = self._edges()
@@ -63,7 +67,10 @@ class CarTrack:
         curves = [(section.start_m, section.end_m) for section in self._line.curves]
         changes_m = {end_m for section in gradients + curves for end_m in section}
         offsets_m = (self._front_offset_m, self._rear_offset_m)
-        return sorted({change_m + offset_m for change_m in changes_m for offset_m in offsets_m})
+        edges_m = {change_m + offset_m for change_m in changes_m for offset_m in offsets_m}
+        for tunnel in self._line.tunnels:
+            edges_m |= {tunnel.start_m + self._middle_m, tunnel.end_m + self._middle_m}
+        return sorted(edges_m)
 
     def piece(self, x_m: float) -> Piece:
         """Return the linear piece that contains x."""
@@ -72,7 +79,8 @@ class CarTrack:
         high_m = self._edges_m[index] if index < len(self._edges_m) else inf
         if low_m == -inf or high_m == inf:
             # The track does not change beyond its first and its last change.
-            return Piece(low_m, high_m, self.gravity_n(x_m), 0.0, self.curve_n(x_m), 0.0)
+            gravity_n, curve_n = self.gravity_n(x_m), self.curve_n(x_m)
+            return Piece(low_m, high_m, gravity_n, 0.0, curve_n, 0.0, self._drag_ratio(x_m))
         span_m = high_m - low_m
         gravity_n = self.gravity_n(low_m)
         curve_n = self.curve_n(low_m)
@@ -85,7 +93,11 @@ class CarTrack:
             gravity_n_per_m,
             curve_n - curve_n_per_m * low_m,
             curve_n_per_m,
+            self._drag_ratio((low_m + high_m) / 2.0),
         )
+
+    def _drag_ratio(self, x_m: float) -> float:
+        return self._line.drag_ratio(x_m - self._middle_m)
 
     def gravity_n(self, x_m: float) -> float:
         climb_m = self._line.height_m(x_m - self._front_offset_m) - self._line.height_m(

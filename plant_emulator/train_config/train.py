@@ -61,7 +61,8 @@ class CouplerConfig:
 class ResistanceConfig:
     """Davis resistance: weight * (a + b * v + c * v**2), v in m/s.
 
-    `a` also holds the train at standstill.
+    `c` is that of the air, which a tunnel multiplies by its `drag_ratio`. `a` also holds the train
+    at standstill.
     """
 
     a_n_per_kn: float

@@ -161,6 +161,9 @@ def flipped(track: Track) -> Track:
             TrackTag(x.tag_id, at(x.position_m), x.kind, x.station, turned(x.direction))
             for x in reversed(track.tags)
         ),
+        tunnels=tuple(
+            replace(x, start_m=at(x.end_m), end_m=at(x.start_m)) for x in reversed(track.tunnels)
+        ),
         neutral_sections=zones(track.neutral_sections),
         power_sections=zones(track.power_sections),
         no_stop_zones=zones(track.no_stop_zones),

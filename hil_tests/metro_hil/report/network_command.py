@@ -11,6 +11,7 @@ from firmware_py.settings import SettingsError
 from firmware_py.storage.whole_file import write_whole
 from firmware_py.trackdb.circuit import load_line, load_network, with_route
 from firmware_py.trackdb.network import TrackNetwork
+from firmware_py.trackdb.sites import TunnelSection
 from metro_hil.model.run_options import EXIT_OK, EXIT_USAGE
 from metro_hil.report.network_diagram import network_svg, zones_of
 from vobc.config import load_config
@@ -97,7 +98,10 @@ def shown(network: TrackNetwork) -> Iterator[str]:
         for kind, zone in zones_of(track):
             name = f" {zone.name}" if zone.name else ""
             ends = f"{zone.start_m:g} m to {zone.end_m:g} m"
-            yield f"    {kind}{name}, {ends}, {zone.direction.value}"
+            if isinstance(zone, TunnelSection):
+                yield f"    {kind}{name}, {ends}, air drag × {zone.drag_ratio:g}"
+            else:
+                yield f"    {kind}{name}, {ends}, {zone.direction.value}"
     for join in network.joins:
         yield f"  join {join.a} to {join.b}"
     for switch in network.switches:

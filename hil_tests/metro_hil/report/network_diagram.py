@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from firmware_py.trackdb.network import Track, TrackNetwork, TrackZone
-from firmware_py.trackdb.sites import POWER
+from firmware_py.trackdb.sites import POWER, TunnelSection
 from metro_hil.model.network_places import ends_m
 
 WIDTH_PX: Final = 1100.0
@@ -18,11 +18,13 @@ STYLE: Final = (
     ".crossing{stroke:#b00020;stroke-width:2;stroke-dasharray:4 3}"
     ".neutral{stroke:#2b6cb0;stroke-width:10;stroke-opacity:.5}"
     ".evacuation{stroke:#2f855a;stroke-width:10;stroke-opacity:.5}"
+    ".tunnel{stroke:#718096;stroke-width:18;stroke-opacity:.35}"
     ".power{stroke:#805ad5;stroke-width:3;stroke-dasharray:12 3}"
     ".no-stop{stroke:#b7791f;stroke-width:10;stroke-opacity:.5}"
 )
 
 KINDS: Final = {
+    "tunnels": "tunnel",
     "neutral_sections": "neutral section",
     "power_sections": "power section",
     "no_stop_zones": "no-stop zone",
@@ -56,8 +58,8 @@ def network_svg(network: TrackNetwork) -> str:
     return "\n".join([*parts, "</svg>", ""])
 
 
-def zones_of(track: Track) -> Iterator[tuple[str, TrackZone]]:
-    """The zones of a track, each with its kind."""
+def zones_of(track: Track) -> Iterator[tuple[str, TrackZone | TunnelSection]]:
+    """The zones and tunnels of a track, each with its kind."""
     for key, kind in KINDS.items():
         for zone in getattr(track, key):
             yield kind, zone

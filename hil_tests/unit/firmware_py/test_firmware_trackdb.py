@@ -25,6 +25,7 @@ from firmware_py.trackdb import (
     StoppingPoint,
     TagKind,
     TagSite,
+    TunnelSection,
     load_line,
 )
 
@@ -286,6 +287,12 @@ def changed(key: str, index: int, **values: Any) -> dict[str, Any]:
     return table
 
 
+def bored(drag_ratio: float, end_m: float = 300.0) -> dict[str, Any]:
+    """Florence with a tunnel."""
+    tunnel = {"start_m": 100.0, "end_m": end_m, "drag_ratio": drag_ratio}
+    return {**florence_table(), "tunnels": [tunnel]}
+
+
 def powered(*sections: tuple[float, float, str]) -> dict[str, Any]:
     """Florence with power sections of these ends and names."""
     keys = ("start_m", "end_m", "name")
@@ -304,6 +311,16 @@ def swapped(key: str, index: int) -> dict[str, Any]:
     entries = table[key]
     entries[index], entries[index + 1] = entries[index + 1], entries[index]
     return table
+
+
+def test_air_drag_rises_in_tunnels_by_the_share_of_the_train_inside() -> None:
+    tunnels = (TunnelSection(100.0, 200.0, 2.0), TunnelSection(200.0, 250.0, 3.0))
+    line = replace(load_line("florence"), tunnels=tunnels)
+
+    ratios = [line.drag_ratio(at_m) for at_m in (99.9, 100.0, 199.9, 200.0, 249.9, 250.0)]
+    assert ratios == [1.0, 2.0, 2.0, 3.0, 3.0, 1.0]
+    for rear_m, mean in ((0.0, 1.0), (50.0, 1.5), (150.0, 2.5), (200.0, 2.0), (250.0, 1.0)):
+        assert line.mean_drag_ratio(rear_m, rear_m + 100.0) == pytest.approx(mean)
 
 
 @pytest.mark.parametrize(
@@ -340,6 +357,9 @@ def swapped(key: str, index: int) -> dict[str, Any]:
             powered((-120.0, 900.0, "N"), (899.0, 4700.0, "S")),
             "power_sections: S at 899 m begins b",
         ),
+        (bored(0.9), "tunnels[0]: drag_ratio 0.9 is not in 1..10"),
+        (bored(10.1), "tunnels[0]: drag_ratio 10.1 is not in 1..10"),
+        (bored(2.0, end_m=4701.0), "tunnels: the section from 100.0 m to 4701.0 m is not on the"),
         (
             powered((-120.0, 900.0, "")),
             "power_sections: the one at -120 m has no name; give it one",

@@ -15,6 +15,7 @@ from firmware_py.trackdb import (
     LineMap,
     SpeedSection,
     Station,
+    TunnelSection,
     load_line,
 )
 from plant_emulator.consist import Consist
@@ -28,7 +29,9 @@ NO_DRAG = ResistanceConfig(0.0, 0.0, 0.0, Spread(0.0, 0.0))
 
 
 def line_of(
-    gradients: tuple[GradientSection, ...] = (), curves: tuple[CurveSection, ...] = ()
+    gradients: tuple[GradientSection, ...] = (),
+    curves: tuple[CurveSection, ...] = (),
+    tunnels: tuple[TunnelSection, ...] = (),
 ) -> LineMap:
     return LineMap(
         name="test",
@@ -38,6 +41,7 @@ def line_of(
         speed_sections=(SpeedSection(-1000.0, 20000.0, 25.0),),
         gradients=gradients,
         curves=curves,
+        tunnels=tunnels,
     )
 
 
@@ -318,6 +322,28 @@ def test_a_curve_resists_by_roeckl(radius_m: float, per_kn: float) -> None:
 
     lost_mps = 9.81 * per_kn / 1000.0 / 1.08 * 1.0
     assert 10.0 - consist.speed_mps == pytest.approx(lost_mps, rel=1e-9)
+
+
+@pytest.mark.parametrize("train", [TRAIN, POINT], ids=["multi_mass", "point_mass"])
+def test_a_tunnel_multiplies_the_air_drag_of_each_car_whose_middle_is_inside(train: Train) -> None:
+    """Without couplers' play, the deceleration is that of all cars' drag together."""
+    davis = ResistanceConfig(0.0, 0.0, 0.008, Spread(0.0, 0.0))
+    line = line_of(tunnels=(TunnelSection(30.0, 90.0, 2.5), TunnelSection(90.0, 110.0, 4.0)))
+    consist = throw(make(replace(train, resistance=davis), line), 20.0)
+    ratios = set()
+    while consist.speed_mps > 0.0 and consist.front_m < 220.0:
+        before_mps, front_m = consist.speed_mps, consist.front_m + consist.speed_mps * STEP_S / 2.0
+        consist.step()
+        drag_n, behind_m = 0.0, 0.0
+        for car in consist.cars:
+            middle_m = front_m - behind_m - car.length_m / 2.0
+            ratio = 4.0 if 90.0 <= middle_m < 110.0 else 2.5 if 30.0 <= middle_m < 90.0 else 1.0
+            drag_n += ratio * car.weight_n / 1000.0 * 0.008 * before_mps**2
+            behind_m += car.length_m
+            ratios.add(ratio)
+        lost_n = (before_mps - consist.speed_mps) / STEP_S * consist.inertia_kg
+        assert lost_n == pytest.approx(drag_n, rel=0.02)
+    assert ratios == {1.0, 2.5, 4.0}
 
 
 def test_braking_ends_where_constant_deceleration_ends() -> None:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_dbc.vobc import EventKind
-from firmware_py.trackdb import GradientSection, LineMap, LineZone, load_line
+from firmware_py.trackdb import GradientSection, LineMap, LineZone, TunnelSection, load_line
 from hil_tests.unit.vobc.test_vobc_events import SEEN
 from vobc.config import load_config
 from vobc.events import events_between
@@ -112,6 +112,14 @@ def test_a_section_that_the_train_cannot_pass_is_refused(
     ]
 
     assert (words in found[0]) if words else not found
+
+
+def test_a_tunnel_makes_a_train_coast_through_a_neutral_section_faster() -> None:
+    (before,) = coastings(CONFIG, with_gap())
+    bore = TunnelSection(1900.0, 2300.0, 5.0)
+    (inside,) = coastings(CONFIG, replace(with_gap(), tunnels=(bore,)))
+
+    assert inside.entry_mps > before.entry_mps
 
 
 TUNNEL = LineZone(2000.0, 2200.0, "tunnel")

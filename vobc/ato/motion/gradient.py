@@ -17,8 +17,12 @@ def decel_at_mps2(config: AtoConfig, line: LineMap, front_m: float) -> float:
     return decel_on_mps2(config, gradient_permille)
 
 
-def resistance_mps2(config: AtoConfig, speed_mps: float) -> float:
-    """Deceleration by the running resistance. n N per kN act like a gradient of n ‰ uphill."""
+def resistance_mps2(config: AtoConfig, speed_mps: float, air_ratio: float = 1.0) -> float:
+    """Deceleration by the running resistance. n N per kN act like a gradient of n ‰ uphill.
+
+    Args:
+        air_ratio: air drag, divided by that in the open.
+    """
     if speed_mps <= 0.0:
         return 0.0
-    return decel_on_mps2(config, config.resistance.n_per_kn(speed_mps))
+    return decel_on_mps2(config, config.resistance.n_per_kn(speed_mps, air_ratio))

@@ -144,10 +144,10 @@ class RunningResistance:
         if min(self.a_n_per_kn, self.b_n_per_kn_per_mps, self.c_n_per_kn_per_mps2) < 0.0:
             raise ValueError("a coefficient of the running resistance is negative")
 
-    def n_per_kn(self, speed_mps: float) -> float:
-        """Resistance at a speed of zero or more."""
+    def n_per_kn(self, speed_mps: float, air_ratio: float = 1.0) -> float:
+        """Resistance at a speed of zero or more, with air drag divided by that in the open."""
         return self.a_n_per_kn + speed_mps * (
-            self.b_n_per_kn_per_mps + speed_mps * self.c_n_per_kn_per_mps2
+            self.b_n_per_kn_per_mps + speed_mps * (self.c_n_per_kn_per_mps2 * air_ratio)
         )
 
 

@@ -20,7 +20,7 @@ from metro_hil.energy.running_curve.thrift import (
     thrift,
 )
 from metro_hil.energy.running_curve.track import HopTrack
-from metro_hil.energy.running_curve.train import Numbers, RunningTrain
+from metro_hil.energy.running_curve.train import CellDrag, Numbers, RunningTrain
 
 STALL_MPS: Final = 0.3
 """Speed below which a coasting train does not reach the next station."""
@@ -106,7 +106,7 @@ def departures(
     ceiling_square = slowed_ceiling(train, track)
     for i in range(cells):
         at = square[i]
-        ends, work_j, split_m, middle = run.cell(i, at, track.grade_n[i], ceiling_square[i + 1])
+        ends, work_j, split_m, middle = run.cell(i, at, track.drag.of(i), ceiling_square[i + 1])
         square[i + 1] = ends
         traction_j[i + 1] = traction_j[i] + np.maximum(work_j, 0.0)
         regained_j[i + 1] = regained_j[i] - np.minimum(work_j, 0.0)
@@ -138,7 +138,7 @@ def _thrifty_departures(
     for i in range(cells):
         at = square[i]
         share = np.clip(change_m / step_m - i, 0.0, 1.0)
-        coasting_n, pull_n, keep_n = forces_n(train, at, track.grade_n[i], step_m)
+        coasting_n, pull_n, keep_n = forces_n(train, at, track.drag.of(i), step_m)
         efforts_n, speed_mps = np.stack([pull_n, keep_n, np.zeros(n)]), np.sqrt(at)
         effort_n = share * efforts_n[best.at(i, lower + 1, speed_mps), columns]
         effort_n += (1.0 - share) * efforts_n[best.at(i, lower, speed_mps), columns]
@@ -206,7 +206,7 @@ class _Forward:
         self._coast_from_m = np.full(len(off_square), np.inf)
 
     def cell(
-        self, i: int, at: Numbers, grade_n: float, ceiling_square: float
+        self, i: int, at: Numbers, drag: CellDrag, ceiling_square: float
     ) -> tuple[Numbers, Numbers, Numbers, Numbers]:
         """Return what one cell does to all departures.
 
@@ -215,9 +215,9 @@ class _Forward:
         speed there.
         """
         train, step_m, off_square = self._train, self._step_m, self._off_square
-        drag_n = train.resistance_at_n(np.sqrt(at)) + grade_n
+        drag_n = drag.at_n(train, np.sqrt(at))
         half = np.maximum(at - 0.5 * step_m * self._gain * drag_n, 0.0)
-        drag_n = train.resistance_at_n(np.sqrt(half)) + grade_n
+        drag_n = drag.at_n(train, np.sqrt(half))
         coasted = at - step_m * self._gain * drag_n
         slope = self._gain * (train.traction_at_n(np.sqrt(at)) - drag_n)
         effort_n = train.traction_at_n(np.sqrt(np.maximum(at + 0.5 * step_m * slope, 0.0)))
@@ -263,8 +263,10 @@ def slowed_ceiling(train: RunningTrain, track: HopTrack) -> Numbers:
     gain = 2.0 * track.cell_m / train.mass_kg
     for i in range(track.cells - 1, -1, -1):
         speed = np.sqrt(square[i + 1 : i + 2])
-        force_n = train.braking_at_n(speed, train.brake_power_w) + train.resistance_at_n(speed)
-        square[i] = min(square[i], square[i + 1] + gain * float(force_n[0] + track.grade_n[i]))
+        drag = track.drag.of(i)
+        force_n = train.braking_at_n(speed, train.brake_power_w)
+        force_n = force_n + train.resistance_at_n(speed, drag.air_ratio)
+        square[i] = min(square[i], square[i + 1] + gain * float(force_n[0] + drag.grade_n))
     return square
 
 
@@ -275,15 +277,16 @@ def arrivals(train: RunningTrain, track: HopTrack, power_w: Numbers) -> Arrivals
     square, time_s, regained_j = np.zeros(shape), np.zeros(shape), np.zeros(shape)
     gain = 2.0 / train.mass_kg
 
-    def slowing(at: Numbers, grade_n: float) -> Numbers:
+    def slowing(at: Numbers, drag: CellDrag) -> Numbers:
         speed = np.sqrt(at)
-        force_n = train.braking_at_n(speed, power_w) + train.resistance_at_n(speed) + grade_n
+        force_n = train.braking_at_n(speed, power_w)
+        force_n = force_n + train.resistance_at_n(speed, drag.air_ratio) + drag.grade_n
         return gain * np.maximum(force_n, 0.0)
 
     for i in range(cells - 1, -1, -1):
-        grade_n, at = track.grade_n[i], square[i + 1]
-        half = at + 0.5 * step_m * slowing(at, grade_n)
-        square[i] = at + step_m * slowing(half, grade_n)
+        drag, at = track.drag.of(i), square[i + 1]
+        half = at + 0.5 * step_m * slowing(at, drag)
+        square[i] = at + step_m * slowing(half, drag)
         force_n = train.braking_at_n(np.sqrt(half), power_w)
         regained_j[i] = regained_j[i + 1] + force_n * step_m
         with np.errstate(divide="ignore"):
@@ -305,7 +308,7 @@ def with_thrift(train: RunningTrain, track: HopTrack, use_ratio: float) -> HopTr
     if not lowered(track.ceiling_mps):
         return track
     ceiling = np.minimum(slowed_ceiling(train, track), stopping_square(train, track))
-    return replace(track, thrift=thrift(train, track.cell_m, track.grade_n, ceiling, use_ratio))
+    return replace(track, thrift=thrift(train, track.cell_m, track.drag, ceiling, use_ratio))
 
 
 def join(train: RunningTrain, track: HopTrack, first: Departures, second: Arrivals) -> Net:

@@ -193,8 +193,8 @@ def _evaluated(train: RunningTrain, track: HopTrack, square: Numbers, use_ratio:
     middle = np.sqrt((square[1:] + square[:-1]) / 2.0)
     net_n = (
         train.mass_kg * np.diff(square) / (2.0 * step_m)
-        + train.resistance_at_n(middle)
-        + track.grade_n
+        + train.resistance_at_n(middle, track.drag.air_ratio)
+        + track.drag.grade_n
     )
     traction_n = np.maximum(net_n, 0.0)
     braking_n = np.maximum(-net_n, 0.0)
@@ -287,11 +287,11 @@ def _programme(
     late = inner + 3 * n
     middle_square = (square[1:] + square[:-1]) / 2.0
     middle = np.sqrt(middle_square)
-    drag_n, slope = _resistance(train, middle)
+    drag_n, slope = _resistance(train, middle, track.drag.air_ratio)
     nodes = _Nodes(n)
     # Equation of motion in each cell.
     inertia = train.mass_kg / (2.0 * step_m)
-    right_n = -(drag_n - slope * middle_square) - track.grade_n
+    right_n = -(drag_n - slope * middle_square) - track.drag.grade_n
     motion = nodes.cells(inertia + slope / 2.0, -inertia + slope / 2.0, late + 1) / unit_n
     forces = _forces(n, inner, late + 1)
     # Powers: F <= P / v, or F <= the curve, as a tangent in the square of the speed.
@@ -396,13 +396,15 @@ class _Solution:
     """Dual of the motion: value of a joule at the wheel, (cells,)."""
 
 
-def _resistance(train: RunningTrain, middle: Numbers) -> tuple[Numbers, Numbers]:
+def _resistance(
+    train: RunningTrain, middle: Numbers, air_ratio: Numbers
+) -> tuple[Numbers, Numbers]:
     """Return the resistance and its slope over the square of the speed."""
     slope = (
         train.resistance_n_per_mps / np.maximum(middle, LEAST_MPS)
-        + 2.0 * train.resistance_n_per_mps2
+        + 2.0 * train.resistance_n_per_mps2 * air_ratio
     ) / 2.0
-    return train.resistance_at_n(middle), slope
+    return train.resistance_at_n(middle, air_ratio), slope
 
 
 def _time(square: Numbers, step_m: float) -> tuple[float, Numbers]:

@@ -60,7 +60,7 @@ def run_all(
     limits_w = np.minimum(braking.power_w, train.brake_power_w)
     drive = _compiled() if compiled else _batch
     time_s, way_m, traction_j, regained_j = drive(
-        numbers, track.grade_n, braking.square_m2_per_s2, limits_w, notch_off_mps, column
+        numbers, *track.drag, braking.square_m2_per_s2, limits_w, notch_off_mps, column
     )
     return RunBatch(time_s, way_m, traction_j, regained_j)
 
@@ -68,6 +68,7 @@ def run_all(
 def _batch(
     numbers: Numbers,
     grade_n: Numbers,
+    air_ratio: Numbers,
     square: Numbers,
     limits_w: Numbers,
     off_mps: Numbers,
@@ -91,7 +92,7 @@ def _batch(
             safe = np.maximum(u, 0.1)
             effort_n = np.where(pulls, np.minimum(force_n, power_w / safe), 0.0)
             slow_n = np.where(brakes, np.minimum(brake_n, limit_w / safe), 0.0)
-            drag_n = a_n + u * (b_n + u * c_n) + grade_n[cell]
+            drag_n = a_n + u * (b_n + u * (c_n * air_ratio[cell])) + grade_n[cell]
             accel = (effort_n - slow_n - drag_n) / mass_kg
             u = np.maximum(v + 0.5 * step_s * accel, 0.0)
         last = v + step_s * accel
@@ -119,7 +120,13 @@ def _make(prange: Any) -> Any:
     """Return a kernel with the same steps for one run after the other."""
 
     def kernel(
-        numbers: Any, grade_n: Any, square: Any, limits_w: Any, off_mps: Any, column: Any
+        numbers: Any,
+        grade_n: Any,
+        air_ratio: Any,
+        square: Any,
+        limits_w: Any,
+        off_mps: Any,
+        column: Any,
     ) -> Any:
         mass_kg, force_n, power_w, brake_n = numbers[0], numbers[1], numbers[2], numbers[3]
         a_n, b_n, c_n, cell_m, step_s = numbers[4], numbers[5], numbers[6], numbers[7], numbers[8]
@@ -141,7 +148,7 @@ def _make(prange: Any) -> Any:
                     safe = max(u, 0.1)
                     effort_n = min(force_n, power_w / safe) if pulls else 0.0
                     slow_n = min(brake_n, limit_w / safe) if brakes else 0.0
-                    drag_n = a_n + u * (b_n + u * c_n) + grade_n[cell]
+                    drag_n = a_n + u * (b_n + u * (c_n * air_ratio[cell])) + grade_n[cell]
                     accel = (effort_n - slow_n - drag_n) * per_kg
                     u = max(v + 0.5 * step_s * accel, 0.0)
                 last = v + step_s * accel

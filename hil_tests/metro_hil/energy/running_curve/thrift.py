@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from metro_hil.energy.running_curve.train import Numbers, RunningTrain
+from metro_hil.energy.running_curve.train import CellDrag, Numbers, RunningTrain
 
 SPEEDS: Final = 301
 PRICES: Final = 26
@@ -50,14 +50,14 @@ def lowered(ceiling_mps: Numbers) -> bool:
 
 
 def forces_n(
-    train: RunningTrain, at: Numbers, grade_n: Numbers, cell_m: float
+    train: RunningTrain, at: Numbers, drag: CellDrag, cell_m: float
 ) -> tuple[Numbers, Numbers, Numbers]:
     """Return the drag while coasting, the traction while pulling and the force that keeps the
     speed, for squares of the speed `at`; each from the middle of a cell.
     """
     gain = cell_m / train.mass_kg
-    drag_n = train.resistance_at_n(np.sqrt(at)) + grade_n
-    coasting_n = train.resistance_at_n(np.sqrt(np.maximum(at - gain * drag_n, 0.0))) + grade_n
+    drag_n = drag.at_n(train, np.sqrt(at))
+    coasting_n = drag.at_n(train, np.sqrt(np.maximum(at - gain * drag_n, 0.0)))
     pull_n = train.traction_at_n(np.sqrt(at))
     middle = np.sqrt(np.maximum(at + gain * (pull_n - drag_n), 0.0))
     keep_n = np.clip(
@@ -69,26 +69,28 @@ def forces_n(
 def thrift(
     train: RunningTrain,
     cell_m: float,
-    grade_n: Numbers,
+    drag: CellDrag,
     ceiling_square: Numbers,
     use_ratio: float,
 ) -> Thrift:
     """Solve all prices.
 
     Args:
-        grade_n: force of the gradient by cell.
+        drag: gradient and air drag by cell.
         ceiling_square: greatest square of the speed by node, with all braking to lower limits and
             to the stop.
         use_ratio: share of the regenerated energy that is used.
     """
-    cells, top_mps = len(grade_n), float(np.sqrt(np.max(ceiling_square)))
+    cells, top_mps = len(drag.grade_n), float(np.sqrt(np.max(ceiling_square)))
     grid_mps = np.linspace(SLOWEST_MPS, top_mps, SPEEDS)
     grid = grid_mps**2
     kinetic_j = train.mass_kg * top_mps**2 / 2.0
     ratios = np.geomspace(PRICE_MIN_RATIO, PRICE_MAX_RATIO, PRICES - 1)
     prices = np.append(ratios, PRICE_FASTEST_RATIO) * kinetic_j * top_mps / (cells * cell_m)
     from_square = np.minimum(grid, ceiling_square[:-1, None])
-    after, work_j = _moves(train, cell_m, from_square, grade_n[:, None], ceiling_square[1:, None])
+    after, work_j = _moves(
+        train, cell_m, from_square, drag.of((slice(None), None)), ceiling_square[1:, None]
+    )
     middle_mps, force_n = np.sqrt((from_square[:, None] + after) / 2.0), np.abs(work_j) / cell_m
     cost_j = np.where(
         work_j > 0.0,
@@ -114,13 +116,13 @@ def thrift(
 
 
 def _moves(
-    train: RunningTrain, cell_m: float, at: Numbers, grade_n: Numbers, ceiling_square: Numbers
+    train: RunningTrain, cell_m: float, at: Numbers, drag: CellDrag, ceiling_square: Numbers
 ) -> tuple[Numbers, Numbers]:
     """Return the squares of the speed after each cell, and the work at the wheel, negative while
     the electric brake works; both (cells, 3, SPEEDS).
     """
     gain = 2.0 * cell_m / train.mass_kg
-    coasting_n, pull_n, keep_n = forces_n(train, at, grade_n, cell_m)
+    coasting_n, pull_n, keep_n = forces_n(train, at, drag, cell_m)
     effort_n = np.stack([pull_n, keep_n, np.zeros_like(pull_n)], axis=1)
     after = np.maximum(at[:, None] + gain * (effort_n - coasting_n[:, None]), 0.0)
     capped = after > ceiling_square[:, None]

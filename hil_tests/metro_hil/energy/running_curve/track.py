@@ -9,7 +9,7 @@ import numpy as np
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb import LineMap
 from metro_hil.energy.running_curve.thrift import Thrift
-from metro_hil.energy.running_curve.train import GRAVITY_MPS2, Numbers, RunningTrain
+from metro_hil.energy.running_curve.train import GRAVITY_MPS2, CellDrag, Numbers, RunningTrain
 
 CELL_M: Final = 1.0
 CELLS_MIN: Final = 20
@@ -26,8 +26,8 @@ class HopTrack:
 
     length_m: float
     cells: int
-    grade_n: Numbers
-    """Force of the gradient against the train by cell, positive uphill, (cells,)."""
+    drag: CellDrag
+    """Gradient and air drag by cell, (cells,)."""
     ceiling_mps: Numbers
     """Limit for the whole train by node, including the train's own maximum speed, (cells + 1,)."""
     thrift: Thrift | None = None
@@ -52,7 +52,8 @@ class HopTrack:
 def level_track(train: RunningTrain, length_m: float, *, cell_m: float = CELL_M) -> HopTrack:
     """Return a level, straight track with the train's own maximum speed as limit."""
     cells = max(CELLS_MIN, math.ceil(length_m / cell_m))
-    return HopTrack(length_m, cells, np.zeros(cells), np.full(cells + 1, train.speed_max_mps))
+    ceiling_mps = np.full(cells + 1, train.speed_max_mps)
+    return HopTrack(length_m, cells, CellDrag(np.zeros(cells), np.ones(cells)), ceiling_mps)
 
 
 def track_between(
@@ -95,14 +96,18 @@ def track_between(
         cell_m = LOWERED_CELL_M if several else CELL_M
     cells = min(CELLS_MAX, max(CELLS_MIN, math.ceil(length_m / cell_m)))
     at_m = np.linspace(begin_m, end_m, cells + 1)
+    middles_m = (at_m[1:] + at_m[:-1]) / 2.0
     grade_n = np.array(
         [
             train.weight_kg
             * GRAVITY_MPS2
             * line.mean_gradient_permille(front_m - train.length_m, front_m)
             / 1000.0
-            for front_m in (at_m[1:] + at_m[:-1]) / 2.0
+            for front_m in middles_m
         ]
+    )
+    air_ratio = np.array(
+        [line.mean_drag_ratio(front_m - train.length_m, front_m) for front_m in middles_m]
     )
     ceiling_mps = np.array(
         [
@@ -110,7 +115,8 @@ def track_between(
             for front_m in at_m
         ]
     )
-    return names[first], names[last], HopTrack(length_m, cells, grade_n, ceiling_mps)
+    track = HopTrack(length_m, cells, CellDrag(grade_n, air_ratio), ceiling_mps)
+    return names[first], names[last], track
 
 
 def _ends(line: LineMap, start: str | None, end: str | None) -> tuple[int, int]:

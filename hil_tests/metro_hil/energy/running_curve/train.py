@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,23 @@ SPEED_MAX_MPS: Final = 100.0
 """Greatest speed of a consist, beyond all limits of lines."""
 
 Numbers = NDArray[np.float64]
+
+
+class CellDrag(NamedTuple):
+    """What the track adds to the train's running resistance in cells, or in a single one."""
+
+    grade_n: Numbers
+    """Force of the gradient against the train, positive uphill."""
+    air_ratio: Numbers
+    """Air drag of the whole train, divided by that in the open."""
+
+    def at_n(self, train: "RunningTrain", speed_mps: Numbers) -> Numbers:
+        """Return the whole force against the train."""
+        return train.resistance_at_n(speed_mps, self.air_ratio) + self.grade_n
+
+    def of(self, index: Any) -> "CellDrag":
+        """Return one cell, or all cells along another axis."""
+        return CellDrag(self.grade_n[index], self.air_ratio[index])
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,9 +105,10 @@ class RunningTrain:
     def weight_kg(self) -> float:
         return self.mass_kg / (1.0 + self.rotating_ratio)
 
-    def resistance_at_n(self, speed_mps: Numbers) -> Numbers:
+    def resistance_at_n(self, speed_mps: Numbers, air_ratio: Numbers | float = 1.0) -> Numbers:
+        """Return the running resistance where air drag has this ratio to that in the open."""
         return self.resistance_n + speed_mps * (
-            self.resistance_n_per_mps + speed_mps * self.resistance_n_per_mps2
+            self.resistance_n_per_mps + speed_mps * (self.resistance_n_per_mps2 * air_ratio)
         )
 
     def traction_at_n(self, speed_mps: Numbers) -> Numbers:

@@ -25,7 +25,7 @@ from firmware_py.trackdb.network import (
 )
 from firmware_py.trackdb.one_track import DOWN_TAGS, network_of, one_track_path
 from firmware_py.trackdb.paths import TrackPlace, make_path
-from firmware_py.trackdb.sites import GradientSection, StoppingPoint
+from firmware_py.trackdb.sites import GradientSection, StoppingPoint, TunnelSection
 from metro_hil.benchmarks.mirrored import flipped
 
 SHIPPED: Final = shipped_names("firmware_py.trackdb")
@@ -63,6 +63,7 @@ def test_mirrored_places_have_the_same_chainage_to_the_last_bit(
         platforms=(platform,),
         gradients=tuple(GradientSection(*pair, 5.0 * n) for n, pair in enumerate(pairs, 1)),
         neutral_sections=(TrackZone(*pairs[2]),),
+        tunnels=tuple(TunnelSection(*pair, 1.5 + n) for n, pair in enumerate(pairs[:3])),
         power_sections=tuple(TrackZone(*pair, f"S{n}") for n, pair in enumerate(pairs)),
         tags=tuple(TrackTag(n, at_m) for n, at_m in enumerate(edges_m, 1)),
     )

@@ -33,7 +33,16 @@ def hilly_track(train: RunningTrain) -> HopTrack:
     level = level_track(train, 900.0)
     at_m = np.linspace(0.0, 900.0, level.cells)
     permille = np.where(at_m < 250.0, -20.0, np.where(at_m > 600.0, 15.0, 0.0))
-    return dataclasses.replace(level, grade_n=train.mass_kg * 9.81 * permille / 1000.0)
+    grade_n = train.mass_kg * 9.81 * permille / 1000.0
+    return dataclasses.replace(level, drag=level.drag._replace(grade_n=grade_n))
+
+
+def tunnel_track(train: RunningTrain) -> HopTrack:
+    """A track whose middle is a tunnel with five times the air drag."""
+    level = level_track(train, 900.0)
+    at_m = np.linspace(0.0, 900.0, level.cells)
+    air_ratio = np.where((at_m > 200.0) & (at_m < 700.0), 5.0, 1.0)
+    return dataclasses.replace(level, drag=level.drag._replace(air_ratio=air_ratio))
 
 
 def limited_track(train: RunningTrain) -> HopTrack:
@@ -45,10 +54,10 @@ def limited_track(train: RunningTrain) -> HopTrack:
     slow = np.where(at_m > 1600.0, 9.0, slow)
     permille = np.where(at_m[1:] < 400.0, 10.0, np.where(at_m[1:] > 1100.0, -8.0, 0.0))
     grade_n = train.mass_kg * 9.81 * permille / 1000.0
-    return dataclasses.replace(level, ceiling_mps=slow, grade_n=grade_n)
+    return dataclasses.replace(level, ceiling_mps=slow, drag=level.drag._replace(grade_n=grade_n))
 
 
-TRACKS = {"level": LEVEL, "hilly": hilly_track(TRAIN)}
+TRACKS = {"level": LEVEL, "hilly": hilly_track(TRAIN), "tunnel": tunnel_track(TRAIN)}
 LIMITED = with_thrift(TRAIN, limited_track(TRAIN), 1.0)
 LIMITED_HOP = Hop(TRAIN, LIMITED)
 
@@ -92,7 +101,7 @@ def test_what_traction_gave_is_what_brake_resistance_and_height_took(
     run = trace(TRAIN, track, curve)
 
     middle_mps = np.sqrt((run.speed_mps[1:] ** 2 + run.speed_mps[:-1] ** 2) / 2.0)
-    lost_j = float(np.sum(TRAIN.resistance_at_n(middle_mps) + track.grade_n)) * track.cell_m
+    lost_j = float(np.sum(track.drag.at_n(TRAIN, middle_mps))) * track.cell_m
     gained_j = curve.acceleration_j * TRAIN.traction_efficiency_ratio
     regained_j = curve.regenerated_j / TRAIN.regeneration_efficiency_ratio
     assert gained_j - regained_j - lost_j == pytest.approx(0.0, abs=0.003 * gained_j)
@@ -172,7 +181,8 @@ def falling_track(train: RunningTrain) -> HopTrack:
     level = level_track(train, 1000.0, cell_m=8.0)
     at_m = np.linspace(0.0, 1000.0, level.cells)
     permille = np.where((at_m > 100.0) & (at_m < 900.0), -30.0, 0.0)
-    return dataclasses.replace(level, grade_n=train.mass_kg * 9.81 * permille / 1000.0)
+    grade_n = train.mass_kg * 9.81 * permille / 1000.0
+    return dataclasses.replace(level, drag=level.drag._replace(grade_n=grade_n))
 
 
 @pytest.mark.parametrize(("time_s", "use_ratio"), [(72.0, 0.0), (76.0, 1.0)])
@@ -239,7 +249,7 @@ def dynamic_programme(
             shares * train.traction_at_n(speed_mps),
             shares * train.service_force_n,
         )
-        drag_n = train.resistance_at_n(speed_mps) + track.grade_n[cell]
+        drag_n = track.drag.of(cell).at_n(train, speed_mps)
         square = speed_mps**2 + 2.0 * step_m * (force_n - drag_n) / mass_kg
         after_mps = np.sqrt(np.maximum(square, 0.0))
         middle_mps = np.sqrt((speed_mps**2 + after_mps**2) / 2.0)
@@ -333,7 +343,7 @@ def test_a_run_past_lower_limits_keeps_the_energy_balance(
     run = trace(TRAIN, LIMITED, curve)
 
     middle_mps = np.sqrt((run.speed_mps[1:] ** 2 + run.speed_mps[:-1] ** 2) / 2.0)
-    drag_n = TRAIN.resistance_at_n(middle_mps) + LIMITED.grade_n
+    drag_n = TRAIN.resistance_at_n(middle_mps) + LIMITED.drag.grade_n
     lost_j = float(np.sum(drag_n)) * LIMITED.cell_m
     gained_j = curve.acceleration_j * TRAIN.traction_efficiency_ratio
     regained_j = curve.regenerated_j / TRAIN.regeneration_efficiency_ratio

@@ -127,6 +127,7 @@ def test_a_train_turns_only_onto_a_route_that_leaves_over_its_track() -> None:
 def test_show_and_draw_name_the_zones(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     zone = '\n[[tracks.neutral_sections]]\nstart_m = 450.0\nend_m = 480.0\nname = "gap"\n'
     zone += zone.replace("neutral", "power").replace("gap", "Lock & Mill")
+    zone += "\n[[tracks.tunnels]]\nstart_m = 500.0\nend_m = 600.0\ndrag_ratio = 2.25\n"
     text = JUNCTION.read_text(encoding="utf-8")
     first = text.index("[[tracks]]")
     second = text.index("[[tracks]]", first + 1)
@@ -140,5 +141,7 @@ def test_show_and_draw_name_the_zones(capsys: pytest.CaptureFixture[str], tmp_pa
     drawn = network_svg(load_network(str(path)))
     assert drawn.count('class="neutral"') == 1
     assert ">gap<" in drawn
+    assert "tunnel, 500 m to 600 m, air drag × 2.25" in shown
+    assert drawn.count('class="tunnel"') == 1
     assert drawn.count('class="power"') == 1
     assert ">Lock &amp; Mill<" in drawn
