@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from firmware_py.trackdb import LineMap, Station
-from firmware_py.trackdb.sites import CurveSection, GradientSection, Stretch
+from firmware_py.trackdb.sites import CurveSection, GradientSection, Stretch, TunnelSection
 from metro_hil.exchange.railml_own import OWN_ZONES, REGISTER
 
 NAMESPACE: Final = "https://www.railml.org/schemas/3.2"
@@ -45,6 +45,7 @@ def railml_text(line: LineMap) -> str:
     write_power_sections(functional, [(line, each) for each in line.power_sections], _range)
     _line(functional, line)
     _operational_points(functional, line)
+    write_tunnels(functional, [(line, each) for each in line.tunnels], _range)
     _platforms(functional, line)
     _speeds(functional, line)
     _stopping_places(functional, line)
@@ -94,7 +95,7 @@ def write_name(parent: Element, name: str) -> None:
     SubElement(parent, "name", {"name": name, "language": LANGUAGE})
 
 
-def _own(parent: Element, keys: Mapping[str, Any]) -> None:
+def write_own(parent: Element, keys: Mapping[str, Any]) -> None:
     """Keys that railML has no place for."""
     entry = json.dumps(keys, ensure_ascii=False, sort_keys=True)
     SubElement(parent, "designator", {"register": REGISTER, "entry": entry})
@@ -214,6 +215,23 @@ def write_power_sections(
         place(node, owner, section.start_m, section.end_m)
 
 
+def write_tunnels(
+    parent: Element,
+    tunnels: Sequence[tuple[Owner, TunnelSection]],
+    place: Callable[[Element, Owner, float, float], object],
+) -> None:
+    """Write tunnels, each with its line or track; see `write_geometry`."""
+    if not tunnels:
+        return
+    group = SubElement(parent, "overCrossings")
+    for number, (owner, tunnel) in enumerate(tunnels, start=1):
+        keys = {"id": f"ovc{number}", "constructionType": "tunnel"}
+        node = SubElement(group, "overCrossing", keys)
+        write_name(node, tunnel.name or keys["id"])
+        place(node, owner, tunnel.start_m, tunnel.end_m)
+        write_own(node, {"drag_ratio": tunnel.drag_ratio, "name": tunnel.name})
+
+
 def _balises(parent: Element, line: LineMap) -> None:
     if not line.tags:
         return
@@ -224,7 +242,7 @@ def _balises(parent: Element, line: LineMap) -> None:
         write_name(node, f"{tag.kind.value} {tag.tag_id}{where}")
         _spot(node, line, tag.position_m)
         keys: dict[str, Any] = {"tag_id": tag.tag_id, "kind": tag.kind.value}
-        _own(node, keys | ({"station": tag.station} if tag.station is not None else {}))
+        write_own(node, keys | ({"station": tag.station} if tag.station is not None else {}))
 
 
 def _buffer_stops(parent: Element, line: LineMap) -> None:
@@ -251,7 +269,7 @@ def _line(parent: Element, line: LineMap) -> None:
                 for each in zones
             ]
     # Without this, the import would lay out tags by its rules.
-    _own(node, keys if line.tags else keys | {"tags": []})
+    write_own(node, keys if line.tags else keys | {"tags": []})
 
 
 def _numbered(line: LineMap) -> Sequence[tuple[int, Station]]:
@@ -264,7 +282,7 @@ def _operational_points(parent: Element, line: LineMap) -> None:
         node = SubElement(group, "operationalPoint", {"id": f"opp{number}"})
         write_name(node, station.name)
         _spot(node, line, station.stop_m)
-        _own(node, _station_keys(station))
+        write_own(node, _station_keys(station))
         equipment = SubElement(node, "opEquipment")
         SubElement(equipment, "ownsPlatform", {"ref": f"plf{number}"})
         SubElement(equipment, "ownsStoppingPlace", {"ref": f"stp{number}"})

@@ -14,6 +14,7 @@ from metro_hil.exchange.railml_own import OWN_ZONES, own_keys, tag_keys
 from metro_hil.exchange.railml_places import RailmlPlaces, read_places
 from metro_hil.exchange.railml_stations import read_stations
 from metro_hil.exchange.railml_supply import read_supply
+from metro_hil.exchange.railml_tunnels import read_tunnels, tunnel_notes
 from metro_hil.exchange.survey import file_name
 from metro_hil.exchange.surveyed_network import (
     FileTerms,
@@ -38,7 +39,6 @@ IGNORED: Final = {
     ("signalsIS", "signalIS"): "the authority comes by radio",
     ("trainDetectionElements", "trainDetectionElement"): "the bench knows where its train is",
     ("levelCrossingsIS", "levelCrossingIS"): "the bench has none",
-    ("overCrossings", "overCrossing"): "the emulated train has no tunnel resistance",
 }
 
 End = tuple[str, bool]
@@ -55,6 +55,7 @@ def read_infrastructure(root: XmlNode) -> SurveyedNetwork:
         (keys for node in root.all(*FUNCTIONAL, "lines", "line") if (keys := own_keys(node))), {}
     )
     zones = _zones(root, places, line_keys)
+    tunnels = read_tunnels(root, places)
     supply = read_supply(root, places, zones)
     network = SurveyedNetwork(
         name=str(line_keys.get("name") or file_name(Path(root.source).stem)),
@@ -68,14 +69,19 @@ def read_infrastructure(root: XmlNode) -> SurveyedNetwork:
         line_keys={
             key: value for key, value in line_keys.items() if key not in (*OWN_ZONES, "network")
         },
-        zones=[*zones, *supply.zones],
+        zones=[*zones, *supply.zones, *tunnels],
         limits=[*_limits(root, places), *_branch_limits(root, places, relations)],
         gradients=_curves(root, places, "gradientCurves", "gradientCurve", "gradient"),
         radii=_curves(root, places, "horizontalCurves", "horizontalCurve", "radius"),
         tags=_tags(root, places),
         switches=_switches(root, relations),
         origins_m=_origins_m(places),
-        filled=(*stations.filled, *_shared(places), *_open_ends(root, places, links)),
+        filled=(
+            *stations.filled,
+            *tunnel_notes(tunnels),
+            *_shared(places),
+            *_open_ends(root, places, links),
+        ),
         ignored=(*stations.left_out, *supply.left_out, *_ignored(root)),
     )
     table = line_keys.get("network")

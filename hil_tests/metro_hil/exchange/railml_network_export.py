@@ -18,6 +18,7 @@ from metro_hil.exchange.railml_export import (
     write_geometry,
     write_name,
     write_power_sections,
+    write_tunnels,
 )
 from metro_hil.exchange.railml_own import REGISTER
 from metro_hil.exchange.survey import file_name
@@ -51,7 +52,11 @@ def railml_network_text(exported: ExportedNetwork) -> str:
     sections = [(track, each) for track in network.tracks for each in track.power_sections]
     write_power_sections(functional, sections, _range)
     _line(functional, exported)
-    _stations(functional, network)
+    platforms = Element("platforms")
+    _stations(functional, network, platforms)
+    tunnels = [(track, each) for track in network.tracks for each in track.tunnels]
+    write_tunnels(functional, tunnels, _range)
+    functional.extend([platforms] if len(platforms) else [])
     _speeds(functional, network)
     _switches(functional, network)
     ElementTree.indent(root)
@@ -158,12 +163,12 @@ def _line(parent: Element, exported: ExportedNetwork) -> None:
         SubElement(line, "designator", {"register": REGISTER, "entry": entry})
 
 
-def _stations(parent: Element, network: TrackNetwork) -> None:
+def _stations(parent: Element, network: TrackNetwork, platforms: Element) -> None:
+    """Write stations, and their platforms into a group of their own."""
     edges = [(track, edge) for track in network.tracks for edge in track.platforms]
     if not edges:
         return
     points = SubElement(parent, "operationalPoints")
-    platforms = SubElement(parent, "platforms")
     for number, station in enumerate(dict.fromkeys(edge.station for _, edge in edges), start=1):
         point = SubElement(points, "operationalPoint", {"id": f"opp{number}"})
         write_name(point, station)

@@ -19,6 +19,7 @@ UNITS: Final[Mapping[str, float]] = {
     "m/s^2": 1.0,
     "permil": 1.0,
     "%": 0.01,
+    "m^2": 1.0,
     "kg": 1.0,
     "t": 1000.0,
     "N": 1.0,

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from firmware_py.settings import SettingsError, nearest
 from firmware_py.trackdb.line_map import CHAINAGE_MAX_M, CHAINAGE_MIN_M
-from firmware_py.trackdb.sites import POWER
+from firmware_py.trackdb.sites import POWER, TUNNELS
 from metro_hil.exchange.survey import CurvedStretch, SurveyedLine
 from metro_hil.exchange.track_graph import PathPiece, PlaceOnTrack, TrackGraph, shortest_path
 
@@ -61,11 +61,13 @@ class SurveyedZone:
     forward: bool | None = None
     """Direction of running in which it holds; None: both."""
     name: str = ""
+    values: Mapping[str, Any] = field(default_factory=dict)
+    """Further keys of such zones, with their values."""
 
     def keys(self, start_m: float, end_m: float) -> dict[str, Any]:
         """The zone in a line file, between these chainages."""
         ends: dict[str, Any] = {"start_m": start_m, "end_m": end_m}
-        return ends | ({"name": self.name} if self.name else {})
+        return {**ends, **self.values} | ({"name": self.name} if self.name else {})
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,13 +292,18 @@ def _zones(
                 start_m, end_m = (_m(m) for m in piece.chainages_m(zone.begin_m, zone.end_m))
                 if start_m < end_m:
                     found.setdefault(zone.key, []).append(zone.keys(start_m, end_m))
-    return {key: _joined(zones, by_name=key == POWER) for key, zones in found.items()}
+    return {key: _joined(key, zones) for key, zones in found.items()}
 
 
-def _joined(zones: Sequence[dict[str, Any]], *, by_name: bool) -> list[dict[str, Any]]:
+def _joined(key: str, zones: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The zones, each with those that it touches and that have the same name and values.
+
+    The name of a neutral section or no-stop zone does not count.
+    """
     joined: list[dict[str, Any]] = []
     for zone in sorted(zones, key=lambda each: (each["start_m"], each["end_m"])):
-        apart = by_name and joined and joined[-1]["name"] != zone["name"]
+        ends = {each: zone[each] for each in ("start_m", "end_m")}
+        apart = key in (POWER, TUNNELS) and joined and {**joined[-1], **ends} != zone
         if joined and zone["start_m"] <= joined[-1]["end_m"] and not apart:
             joined[-1]["end_m"] = max(joined[-1]["end_m"], zone["end_m"])
         else:

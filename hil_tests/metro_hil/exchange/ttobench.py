@@ -18,12 +18,12 @@ RATIOS: Final = ("%", "-")
 ACCELERATIONS: Final = ("m/s^2",)
 IGNORED_OF_TRACK: Final = {
     "altitude": "the height above sea level has no effect on the train",
-    "tunnels": "the emulated train has no tunnel resistance",
+    "tunnels": "the format does not give their air drag; add tunnels with a drag_ratio by hand",
 }
 IGNORED_OF_TRAIN: Final = {
     "num seats": "the mass of the file is that of the loaded train",
-    "tunnel resistance": "the emulated train has no tunnel resistance",
 }
+TUNNEL_DRAG: Final = "tunnel resistance"
 ETCS: Final = "ETCS braking data"
 
 
@@ -175,8 +175,26 @@ def read_train(file: Element) -> SurveyedTrain:
         decel_mps2=_optional(file, "max deceleration", ACCELERATIONS),
         emergency_mps2=emergency_mps2,
         emergency_kept_ratio=kept_ratio,
-        ignored=tuple(f"{name}: {why}" for name, why in IGNORED_OF_TRAIN.items() if file.has(name)),
+        ignored=(
+            *(f"{name}: {why}" for name, why in IGNORED_OF_TRAIN.items() if file.has(name)),
+            *_tunnel_drag(file.optional(TUNNEL_DRAG), resistance[2]),
+        ),
     )
+
+
+def _tunnel_drag(table: Element | None, open_n_per_mps2: float) -> tuple[str, ...]:
+    """The ratios of air drag that a table of additional resistance gives for tunnels."""
+    if table is None or not open_n_per_mps2 > 0.0:
+        return ()
+    units = table.part("units")
+    area = units.part("cross section").unit(("m^2",))
+    factor = units.part("coefficient").unit(("kN/(km/h)^2",))
+    rows = _rows(table, (("cross section", ("m^2",)), ("coefficient", ("kN/(km/h)^2",))))
+    ratios = ", ".join(
+        f"{1.0 + more.number(factor) / open_n_per_mps2:.2f} in {square.number(area):g} m²"
+        for square, more in rows
+    )
+    return (f"{TUNNEL_DRAG}: as drag_ratio of the line's tunnels it is {ratios}",)
 
 
 def _quantity(table: Element, allowed: tuple[str, ...]) -> float:

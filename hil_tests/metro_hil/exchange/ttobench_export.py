@@ -15,7 +15,7 @@ LIBRARY: Final = "TTOBench v1.5"
 LOST: Final = (
     "names of stations: they become S0, S1, …",
     "platforms, sides, dwell times, planned run times and doors",
-    "tags, neutral and power sections, no-stop zones and evacuation stops",
+    "tags, tunnels, neutral and power sections, no-stop zones and evacuation stops",
     "track before the first and beyond the last stopping point",
 )
 """What the format has no place for."""

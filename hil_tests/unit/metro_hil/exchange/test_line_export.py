@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from firmware_py.settings import build
 from firmware_py.trackdb import LineMap, LineZone, load_line
-from firmware_py.trackdb.sites import ZONES
+from firmware_py.trackdb.sites import TUNNELS, ZONES
 from metro_hil.exchange import export_command, import_command
 from metro_hil.exchange.line_rules import FittedTrain, complete_line
 from metro_hil.exchange.railml_export import railml_text
@@ -93,6 +93,11 @@ def lines(draw: st.DrawFn) -> LineMap:
             {"start_m": a, "end_m": b}
             for a, b in list(itertools.pairwise(cuts(draw, start_m, end_m, 4)))[1::2]
         ],
+        "tunnels": [
+            {"start_m": a, "end_m": b, "drag_ratio": draw(st.sampled_from((1.0, 1.6, 2.25)))}
+            | ({"name": "<bore>"} if draw(st.booleans()) else {})
+            for a, b in list(itertools.pairwise(cuts(draw, start_m, end_m, 4)))[::2]
+        ],
         "power_sections": [
             {"start_m": a, "end_m": b, "name": f"S & {number}"}
             for number, (a, b) in enumerate(itertools.pairwise(divided))
@@ -118,7 +123,7 @@ def same_everywhere(one: LineMap, other: LineMap) -> None:
     """The same places, and the same values between any two of them."""
     for name in (
         *("name", "description", "start_m", "end_m", "stations", "tags", "rollback_m"),
-        *ZONES,
+        *(TUNNELS, *ZONES),
     ):
         assert getattr(one, name) == getattr(other, name), name
     edges_m: set[float] = set()
@@ -204,7 +209,14 @@ def test_mistakes_of_an_export_are_named(
 
 # The order in which the schemas of railML 3.2 have these elements.
 GROUPS: Final = ("balises", "bufferStops", "electrifications", "lines", "operationalPoints")
-MORE_GROUPS: Final = ("platforms", "platformEdges", "speeds", "stoppingPlaces", "tracks")
+MORE_GROUPS: Final = (
+    "overCrossings",
+    "platforms",
+    "platformEdges",
+    "speeds",
+    "stoppingPlaces",
+    "tracks",
+)
 REFERENCES: Final = ("ref", "netElementRef", "positioningSystemRef", "belongsToPlatform")
 PARTS: Final = ("name", "isValid", "linearLocation", "spotLocation", "designator")
 

@@ -209,6 +209,28 @@ def test_sections_that_cover_each_track_once_are_power_sections(
     assert text in "".join(network.ignored)
 
 
+def test_a_crossing_that_is_a_tunnel_becomes_one_with_a_stated_ratio(tmp_path: Path) -> None:
+    element = (
+        '<overCrossings><overCrossing id="t1" constructionType="tunnel">'
+        '<name name="Hill" language="en"/><linearLocation id="t1l"><associatedNetElement '
+        'netElementRef="m" keepsOrientation="true" posBegin="600" posEnd="900"/></linearLocation>'
+        '</overCrossing><overCrossing id="b1" constructionType="bridge"><linearLocation id="b1l">'
+        '<associatedNetElement netElementRef="w" keepsOrientation="true" posBegin="1" posEnd="9"/>'
+        "</linearLocation></overCrossing></overCrossings><platforms>"
+    )
+    path = written(tmp_path, ("<platforms>", element))
+
+    assert main([str(path), "--stops", "West,East", "--out", str(tmp_path / "line")]) == 0
+    assert main([str(path), "--out", str(tmp_path / "net")]) == 0
+
+    (tunnel,) = load_line(str(tmp_path / "line" / "net.toml")).tunnels
+    assert (tunnel.end_m - tunnel.start_m, tunnel.drag_ratio, tunnel.name) == (300.0, 1.6, "Hill")
+    network = load_network(str(tmp_path / "net" / "net.toml"))
+    (bored,) = network.track("m").tunnels
+    assert (bored.end_m - bored.start_m, bored.name) == (300.0, "Hill")
+    assert not network.track("w").tunnels
+
+
 def test_a_path_has_the_values_of_its_direction(tmp_path: Path) -> None:
     line = imported(tmp_path, "--stops", "West,East")
 

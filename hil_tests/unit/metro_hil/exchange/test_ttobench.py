@@ -150,6 +150,24 @@ def test_every_filled_gap_stands_in_the_file(tmp_path: Path) -> None:
         assert text in train
 
 
+@pytest.mark.parametrize(("unit", "code"), [("m^2", 0), ("ft^2", 2)])
+def test_a_tunnel_resistance_is_printed_as_ratios_of_air_drag(
+    unit: str, code: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = {
+        "units": {"cross section": unit, "coefficient": "kN/(km/h)^2"},
+        "values": [[24, 0.0009], [40, 0.00045]],
+    }
+
+    names = written(tmp_path, {**TRAIN, "tunnel resistance": table})
+    assert main([*names, "--out", str(tmp_path / "out")]) == code
+
+    said = capsys.readouterr()
+    ratios = "drag_ratio of the line's tunnels it is 2.00 in 24 m², 1.50 in 40 m²"
+    assert (ratios in said.out) is (code == 0)
+    assert ("tunnel resistance.units.cross section: unit 'ft^2'" in said.err) is (code == 2)
+
+
 @given(st.floats(-0.02, 0.02), st.floats(-0.02, 0.02))
 def test_the_mean_curvature_is_that_of_the_clothoid(start: float, end: float) -> None:
     """The oracle sums the magnitude of the curvature over the transition."""
