@@ -18,8 +18,8 @@ from firmware_py.trackdb.sites import (
     LineZone,
     SpeedSection,
     Station,
-    Stretch,
     TagSite,
+    TrackStretch,
     TunnelSection,
     check_order,
 )
@@ -131,7 +131,7 @@ class LineMap:
                 f"speed_sections: they end at {reached_m} m, the line at {self.end_m} m"
             )
 
-    def _check_sections(self, what: str, sections: Sequence[Stretch]) -> None:
+    def _check_sections(self, what: str, sections: Sequence[TrackStretch]) -> None:
         check_order(what, sections)
         for each in sections:
             if not self.start_m <= each.start_m < each.end_m <= self.end_m:

@@ -198,7 +198,7 @@ class LineZone:
         return f"{self.name}, {ends}" if self.name else ends
 
 
-class Stretch(Protocol):
+class TrackStretch(Protocol):
     """A section or zone between two chainages."""
 
     @property
@@ -208,7 +208,7 @@ class Stretch(Protocol):
     def end_m(self) -> float: ...
 
 
-def check_order(key: str, stretches: Sequence[Stretch]) -> None:
+def check_order(key: str, stretches: Sequence[TrackStretch]) -> None:
     """Raise ValueError if one begins before the end of the one before it, or lacks its name."""
     for before, after in itertools.pairwise(stretches):
         if after.start_m < before.end_m:
@@ -221,7 +221,7 @@ def check_order(key: str, stretches: Sequence[Stretch]) -> None:
             raise ValueError(f"{key}: the one at {each.start_m:g} m has no name; give it one")
 
 
-def _called(stretch: Stretch, otherwise: str) -> str:
+def _called(stretch: TrackStretch, otherwise: str) -> str:
     return getattr(stretch, "name", "") or otherwise
 
 

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from firmware_py.trackdb import LineMap, Station
-from firmware_py.trackdb.sites import CurveSection, GradientSection, Stretch, TunnelSection
+from firmware_py.trackdb.sites import CurveSection, GradientSection, TrackStretch, TunnelSection
 from metro_hil.exchange.railml_own import OWN_ZONES, REGISTER
 
 NAMESPACE: Final = "https://www.railml.org/schemas/3.2"
@@ -23,7 +23,7 @@ Owner = TypeVar("Owner")
 """A line or a track."""
 
 
-class Named(Stretch, Protocol):
+class NamedStretch(TrackStretch, Protocol):
     """A stretch of a line or track with a name."""
 
     @property
@@ -202,7 +202,7 @@ def write_geometry(
 
 def write_power_sections(
     parent: Element,
-    sections: Sequence[tuple[Owner, Named]],
+    sections: Sequence[tuple[Owner, NamedStretch]],
     place: Callable[[Element, Owner, float, float], object],
 ) -> None:
     """Write power sections, each with its line or track; see `write_geometry`."""

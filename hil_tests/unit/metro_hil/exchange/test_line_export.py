@@ -36,6 +36,37 @@ def cuts(draw: st.DrawFn, start_m: float, end_m: float, most: int) -> list[float
     return [start_m, *sorted(inner), end_m]
 
 
+def zones(draw: st.DrawFn, start_m: float, end_m: float) -> dict[str, Any]:
+    """Tunnels, and zones of every kind, as tables of a line file."""
+    divided = cuts(draw, start_m, end_m, 3) if draw(st.booleans()) else []
+    return {
+        "neutral_sections": [
+            {"start_m": a, "end_m": b}
+            for a, b in list(itertools.pairwise(cuts(draw, start_m, end_m, 4)))[1::2]
+        ],
+        "tunnels": [
+            {"start_m": a, "end_m": b, "drag_ratio": draw(st.sampled_from((1.0, 1.6, 2.25)))}
+            | ({"name": "<bore>"} if draw(st.booleans()) else {})
+            for a, b in list(itertools.pairwise(cuts(draw, start_m, end_m, 4)))[::2]
+        ],
+        "power_sections": [
+            {"start_m": a, "end_m": b, "name": f"S & {number}"}
+            for number, (a, b) in enumerate(itertools.pairwise(divided))
+        ],
+        "no_stop_zones": [
+            {
+                "start_m": round(start_m + 3.0, 3),
+                "end_m": round(start_m + 33.5, 3),
+                "name": "<bore>",
+            }
+            for _ in range(draw(st.integers(0, 1)))
+        ],
+        "evacuation_stops": [{"start_m": 700.5, "end_m": 770.25, "name": "exit 1"}]
+        if start_m < 700.5 and end_m > 770.25 and draw(st.booleans())
+        else [],
+    }
+
+
 @st.composite
 def lines(draw: st.DrawFn) -> LineMap:
     start_m = draw(millimetres(-900.0, 500.0))
@@ -62,7 +93,6 @@ def lines(draw: st.DrawFn) -> LineMap:
     end_m = round(at_m + 100.0, 3)
     tags = sorted(draw(st.sets(millimetres(start_m, end_m), max_size=8)))
     names = [None, *(station["name"] for station in stations)]
-    divided = cuts(draw, start_m, end_m, 3) if draw(st.booleans()) else []
     table = {
         "name": "drawn-line",
         "description": draw(st.sampled_from(("", "Two lines\nof 'text' & <more>"))),
@@ -89,30 +119,7 @@ def lines(draw: st.DrawFn) -> LineMap:
             for number, place_m in enumerate(tags, start=1)
             for name in (draw(st.sampled_from(names)),)
         ],
-        "neutral_sections": [
-            {"start_m": a, "end_m": b}
-            for a, b in list(itertools.pairwise(cuts(draw, start_m, end_m, 4)))[1::2]
-        ],
-        "tunnels": [
-            {"start_m": a, "end_m": b, "drag_ratio": draw(st.sampled_from((1.0, 1.6, 2.25)))}
-            | ({"name": "<bore>"} if draw(st.booleans()) else {})
-            for a, b in list(itertools.pairwise(cuts(draw, start_m, end_m, 4)))[::2]
-        ],
-        "power_sections": [
-            {"start_m": a, "end_m": b, "name": f"S & {number}"}
-            for number, (a, b) in enumerate(itertools.pairwise(divided))
-        ],
-        "no_stop_zones": [
-            {
-                "start_m": round(start_m + 3.0, 3),
-                "end_m": round(start_m + 33.5, 3),
-                "name": "<bore>",
-            }
-            for _ in range(draw(st.integers(0, 1)))
-        ],
-        "evacuation_stops": [{"start_m": 700.5, "end_m": 770.25, "name": "exit 1"}]
-        if start_m < 700.5 and end_m > 770.25 and draw(st.booleans())
-        else [],
+        **zones(draw, start_m, end_m),
         "rollback_m": draw(st.sampled_from((2.0, 3.5))),
     }
     line: LineMap = build(LineMap, table, "drawn")
