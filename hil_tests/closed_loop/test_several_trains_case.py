@@ -9,6 +9,7 @@ import pytest
 from metro_hil.campaign.plan import plan_cases
 from metro_hil.campaign.problems import CampaignError
 from metro_hil.campaign.read import read_campaign
+from metro_hil.line.turning.invariants import OVERLAP, Between, PairViolation
 from metro_hil.model.case import Case, CaseResult, Verdict
 from metro_hil.model.case_setup import Files
 from metro_hil.run.dispatch import run_case
@@ -206,6 +207,25 @@ def test_what_does_not_fit_is_refused_before_the_run(
         planned(tmp_path, scenario)
 
     assert problem in str(refused.value)
+
+
+def test_a_violation_between_trains_fails_the_case(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def look(between: Between, at_s: float, present: object) -> None:
+        between.checked_count += 1
+        between.violations.append(PairViolation(OVERLAP, at_s, ("train 1", "train 2")))
+
+    monkeypatch.setattr(Between, "look", look)
+    case, files = planned(tmp_path, "[train]\nservice = 'both.toml'\nduration_s = 9.0\n")
+
+    result = run_case(case, files=files)
+
+    # The case ends within a second, and no monitor of a train alone has failed.
+    assert result.verdict is Verdict.FAIL
+    assert result.exit_reason == "stopped at the first violation"
+    assert result.sim_s < 2.0
+    assert "trains-apart violated at" in result.reason
 
 
 def test_trains_of_which_only_one_ran_show_nothing_about_others(tmp_path: Path) -> None:

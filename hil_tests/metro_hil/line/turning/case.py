@@ -63,6 +63,7 @@ FOLLOWED: Final = "master-followed"
 """Name of the monitor of what must hold after a master was struck."""
 SOLVED: Final = "supply-solved"
 """Name of the monitor of the supply network."""
+WITH_OTHERS: Final = "ended with the other trains"
 OF_EACH: Final = ("arrived_count", "stop_error_worst_m", "emergency_count", "energy_drawn_kwh")
 """Measures that each train has of its own, as `train_1_arrived_count`."""
 
@@ -254,7 +255,8 @@ class Fleet:
         elif now_s - self._moved_s > self._patience_s:
             self._reason = STUCK
         for train in running:
-            train.reason = self._reason
+            own = train.run is not None and train.run.violated
+            train.reason = WITH_OTHERS if self._reason == VIOLATION and not own else self._reason
 
     def result(self, wall_s: float) -> CaseResult:
         """Judge the run. Call it after `run`."""
