@@ -241,22 +241,22 @@ class Fleet:
 
     def _look(self, now_s: float) -> None:
         """End the case if it is over; called each second."""
-        running = [each for each in self._trains if each.bench is not None and each.run is not None]
-        pending = any(each.run.bench.plant.pending for each in running if each.run is not None)
-        if pending or any(train.moving for train in running):
+        open_runs = [(each, each.run) for each in self._trains if each.bench is not None]
+        running = [(train, run) for train, run in open_runs if run is not None]
+        if any(run.bench.plant.pending or train.moving for train, run in running):
             self._moved_s = now_s
-        violated = any(each.run.violated for each in running if each.run is not None)
+        violated = any(run.violated for _, run in running)
         if violated or (self._case.stop_at_violation and self._conductor.between.violations):
             self._reason = VIOLATION
-        elif any(each.run.died for each in running if each.run is not None):
+        elif any(run.died for _, run in running):
             self._reason = DIED
         elif now_s >= self._case.setup.duration_s:
             self._reason = DURATION
         elif now_s - self._moved_s > self._patience_s:
             self._reason = STUCK
-        for train in running:
-            own = train.run is not None and train.run.violated
-            train.reason = WITH_OTHERS if self._reason == VIOLATION and not own else self._reason
+        for train, run in running:
+            with_others = self._reason == VIOLATION and not run.violated
+            train.reason = WITH_OTHERS if with_others else self._reason
 
     def result(self, wall_s: float) -> CaseResult:
         """Judge the run. Call it after `run`."""

@@ -24,7 +24,7 @@ class SupplyRow(NamedTuple):
     """One instant of the supply network."""
 
     at_s: float
-    volts: Mapping[int, float]
+    trains_v: Mapping[int, float]
     """Voltage at the pantograph of each train on the network, by its number."""
     substations_w: tuple[float, ...]
 
@@ -102,7 +102,7 @@ class FleetSupply:
         """Instants in s and voltages of a train; NaN while it is not on the network."""
         return (
             [row.at_s for row in self.rows],
-            [row.volts.get(train, nan) for row in self.rows],
+            [row.trains_v.get(train, nan) for row in self.rows],
         )
 
     @property
