@@ -474,9 +474,11 @@ class Odometry:
             return _ordered(wheels.low, wheels.best, wheels.high)
         best = wheels.best
         if self._slip:
-            # If a second axle turns almost alike, the wheels show changes sooner than the ground.
+            # If a second axle turns almost alike, the wheels of a train that slows show changes
+            # sooner than the ground.
             nearest_mps = min(max(best, ground.low_mps), ground.high_mps)
-            best = nearest_mps if self._one_axle_slips() else ground.best_mps
+            slows = self._track.accel_pulses_per_s2 <= 0.0
+            best = nearest_mps if slows and self._one_axle_slips() else ground.best_mps
         if self._wheels_out:
             return _ordered(ground.low_mps, best, ground.high_mps)
         return _ordered(min(wheels.low, ground.low_mps), best, max(wheels.high, ground.high_mps))

@@ -97,3 +97,17 @@ def test_the_likeliest_speed_is_that_of_the_wheels_inside_the_bounds_over_ground
     assert made.odometry._slip
     assert made.odometry._one_axle_slips()
     assert made.odometry._speed(Interval(3.25, 3.5, 3.75)).best == best_mps
+
+
+@pytest.mark.parametrize(("accel_pulses_per_s2", "best_mps"), [(0.0, 3.5), (1e-9, 3.55)])
+def test_a_train_that_accelerates_is_likeliest_as_fast_as_the_ground_says(
+    accel_pulses_per_s2: float, best_mps: float
+) -> None:
+    """At a departure the axles swing with the couplers."""
+    made = braking()
+    made.over_ground(3.3, 3.8)
+    made.track.accel_pulses_per_s2 = accel_pulses_per_s2
+
+    assert made.odometry._slip
+    assert made.odometry._one_axle_slips()
+    assert made.odometry._speed(Interval(3.25, 3.5, 3.75)).best == pytest.approx(best_mps)
