@@ -20,17 +20,17 @@ RUN_S: Final = 120.0
 """Each line is driven this long, which takes the train out of its first station."""
 MOVES: Final = {"name": "moves", "stl": "eventually(speed_mps > 5)", "unit": "m/s"}
 LINES: Final = {
-    "florence": "e3a992bd209c0861fb12c552a434a50e2c6ccf764cf9cc6b2790ea8724dd13bb",
+    "florence": "d595b48cc4f262ebfa539de43b7316501527cf7c573f7f62defd71af745f7732",
     "hefei": "e77dd38e34584f1c9e1f0d25b9a827e619b4210e41c7d8104f7d86a2ed3c21be",
     "changping": "afaece22ec3e2701a781135ab536987927dc33d8708622457e2fd6c70124c18a",
     "nanakuma": "b91e8d0ab6d00e10518a91c49a8f6f7c8258be5500b318417c25db40909fa18e",
-    "loop": "d97dfbff1a1d47eda39255726157516c2b86b5dd8e237495be4479cc1de0bda9",
+    "loop": "17cd192928baeab713899c477d2ce1d619cd341470b2fc936af56bf8449a4ae2",
 }
 TRAINS: Final = {"hefei": "hefei6", "changping": "typeB4", "nanakuma": "nanakuma4"}
 """Train of each line; florence4 runs on the others."""
 SMOKE: Final = (
-    "797f1bf922c77d52003fa54eb15de77139104b8cd6c6656fd76aec5b683bbae8",
-    "18190e4a09ee23e931098bc557ad0dcc0ed906cd92bf159f451ea8c0410d98c0",
+    "8ecc957bc063b5eb4ec2be69a30dda18d7b031ad0cc727a49b5345ddb24e8960",
+    "dfc35c2fb53d2f3a50bf6956351443c77b164128cc913783db9ffd8198f884ff",
 )
 
 
