@@ -449,6 +449,12 @@ class Interlocking:
         ahead = self._ahead[section]
         return self._front_m <= ahead.signal_m and self._is_proven(ahead)
 
+    def has_failed(self, section: int) -> bool:
+        """Whether a switch of a route that is locked for the train, by the number of the route on
+        the path from 0, is not proven. Switches behind the train are released and do not count."""
+        held = self._own(self._ahead[section])
+        return held is not None and not self._lie_right(held)
+
     @property
     def held(self) -> Sequence[_Held]:
         """The routes that are locked for the train."""
@@ -483,11 +489,10 @@ class Interlocking:
 
     def _is_proven(self, section: RouteSection) -> bool:
         held = self._own(section)
-        return (
-            held is not None
-            and self.closed.isdisjoint(held.tracks)
-            and all(self.machines[switch].detected is lie for switch, lie, _ in held.switches)
-        )
+        return held is not None and self.closed.isdisjoint(held.tracks) and self._lie_right(held)
+
+    def _lie_right(self, held: _Held) -> bool:
+        return all(self.machines[switch].detected is lie for switch, lie, _ in held.switches)
 
     def _request_ahead(self) -> None:
         for section in self._ahead:

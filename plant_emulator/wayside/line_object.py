@@ -107,7 +107,7 @@ class LineObject:
         self._period_ns = timers.heartbeat_ms * NS_PER_MS
         self._due_ns = start_ns
         self._sequence = 0
-        self._sent: tuple[ObjectMemory, bool] | None = None
+        self._sent: tuple[ObjectMemory, bool, bool] | None = None
         self._stored = False
 
     def next_due_ns(self) -> int:
@@ -120,6 +120,7 @@ class LineObject:
         *,
         release_wanted: bool,
         occupied: bool,
+        failed: bool = False,
     ) -> WaysideStepped[ObjectMemory]:
         """Process messages and return the memory to store and the messages to send.
 
@@ -130,7 +131,10 @@ class LineObject:
         Args:
             release_wanted: the object is requested to move or open.
             occupied: a train stands in it.
+            failed: it is not proven to lie as it is locked. While it is locked it then reports
+                itself as failed, so that no authority leads over it.
         """
+        failed = failed and self.memory.state is ObjectState.LOCKED
         before = self.memory
         for message in heard:
             if not self._on_message(message, release_wanted=release_wanted, occupied=occupied):
@@ -138,10 +142,10 @@ class LineObject:
         changed = self.memory is not before or not self._stored
         self._stored = True
         out: tuple[T2tMessage, ...] = ()
-        if now_ns >= self._due_ns or self._sent != (self.memory, release_wanted):
+        if now_ns >= self._due_ns or self._sent != (self.memory, release_wanted, failed):
             self._due_ns = now_ns + self._period_ns
-            self._sent = (self.memory, release_wanted)
-            out = (self._status(now_ns, release_wanted=release_wanted),)
+            self._sent = (self.memory, release_wanted, failed)
+            out = (self._status(now_ns, release_wanted=release_wanted, failed=failed),)
         # An unreadable memory stays unreadable over the next start, too.
         changed = changed and not self._forgotten
         return WaysideStepped(self.memory if changed else None, out) if changed or out else NOTHING
@@ -178,7 +182,7 @@ class LineObject:
         )
         return True
 
-    def _status(self, now_ns: int, *, release_wanted: bool) -> ObjectStatus:
+    def _status(self, now_ns: int, *, release_wanted: bool, failed: bool) -> ObjectStatus:
         self._sequence += 1
         memory = self.memory
         return ObjectStatus(
@@ -190,7 +194,7 @@ class LineObject:
             self._sequence,
             now_ns,
             self.site.number,
-            memory.state,
+            ObjectState.FAILED if failed else memory.state,
             memory.claim_term,
             memory.nonce,
             release_wanted,

@@ -48,6 +48,9 @@ class WaysideTruth(NamedTuple):
     """Objects with a train in them."""
     release_wanted: Collection[int] = ()
     """Objects that are requested to move or open."""
+    failed: Collection[int] = ()
+    """Objects that are not proven to lie as they are locked, such as a switch that lost its
+    detection."""
 
 
 class LineWayside:
@@ -161,6 +164,7 @@ class LineWayside:
                 to_wayside,
                 release_wanted=number in truth.release_wanted,
                 occupied=number in truth.occupied,
+                failed=number in truth.failed,
             )
             if moved.memory is None or self._disks.store_object(number, moved.memory):
                 out += moved.out

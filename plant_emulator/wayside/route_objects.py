@@ -146,6 +146,7 @@ def truth_of(
     """
     counted: Counter[int] = Counter()
     occupied: set[int] = set()
+    failed: set[int] = set()
     wanted = {site.number for site in areas.objects}
     starts_m = [section.start_m for section in areas.sections]
     for train in trains:
@@ -164,7 +165,9 @@ def truth_of(
                 occupied.add(site.number)
             if train.is_set_ahead(index):
                 wanted.discard(site.number)
-    return WaysideTruth(counted, occupied, wanted)
+            if train.has_failed(index):
+                failed.add(site.number)
+    return WaysideTruth(counted, occupied, wanted, failed)
 
 
 def claimed(

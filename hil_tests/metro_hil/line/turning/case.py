@@ -53,7 +53,7 @@ from plant_emulator.traffic.coupling import Books
 from plant_emulator.wayside.interlocking import SharedNetwork, SignalBox
 from plant_emulator.wayside.route_objects import check_masters
 from plant_emulator.world import TrainScenario, World
-from vobc.train_to_train.vocabulary import T2tConfig
+from vobc.train_to_train.vocabulary import HeldAuthority, T2tConfig
 from zenoh_config.messages import MovementAuthority
 
 MS_PER_S: Final = 1e3
@@ -99,8 +99,8 @@ class CaseTrain(TurningTrain):
         self.reason = ""
         """How the case ended, if that ends the present trip."""
         self._fleet = fleet
-        self._obeyed: tuple[int, ...] = ()
-        """Number of the newest authority that the monitors have."""
+        self._obeyed: HeldAuthority | None = None
+        """The newest authority that the monitors have."""
 
     def advance(self, until_ns: int) -> None:
         try:
@@ -113,11 +113,10 @@ class CaseTrain(TurningTrain):
 
     def _look(self, bench: Lockstep) -> None:
         super()._look(bench)
-        command, number = self._command, self.authority_number
-        held = None if command is None else command.held
-        if held is None or number == self._obeyed:
+        held = None if self._command is None else self._command.held
+        if held is None or held == self._obeyed:
             return
-        self._obeyed = number
+        self._obeyed = held
         bench.plant.railway.obey(end_m=held.end_m, rear_m=held.rear_m)
         assert self.run is not None
         # It was issued after the report that it answers.

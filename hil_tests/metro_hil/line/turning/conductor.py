@@ -14,7 +14,7 @@ from typing import Final
 from firmware_py.interrupts import never
 from firmware_py.trackdb.network import TrackNetwork
 from firmware_py.trackdb.paths import TrackPlace
-from metro_hil.line.turning.invariants import Between, Observed
+from metro_hil.line.turning.invariants import KNOWN_S, Between, Observed
 from metro_hil.line.turning.masters import CUT_NS, Masters
 from metro_hil.line.turning.plan import FleetPlan
 from metro_hil.line.turning.supply import FleetSupply
@@ -87,7 +87,7 @@ class Conductor:
         self._killed_ns: int | None = None
         self._heals_ns: int | None = None
         """When a cut of a master's radio ends."""
-        self.between = Between()
+        self.between = Between(0.0 if self.masters is None else KNOWN_S)
         self.supply = _supply_of(plan)
         """None: each train has a source of its own."""
         self._patience_s = STANDS_S + max(plan.round_s, plan.service.headway_s)

@@ -14,6 +14,8 @@ INTO_TRAIN: Final = "an authority reaches over the true rear or front of another
 INTO_AUTHORITY: Final = "the authorities of two trains share a piece of track"
 OVER_SWITCH: Final = "an authority reaches over a switch that is not locked for the train"
 INTO_ROUTE: Final = "an authority reaches against the route of another train"
+KNOWN_S: Final = 0.2
+"""Time after which masters know that a switch has failed."""
 KINDS: Final = (OVERLAP, INTO_TRAIN, INTO_AUTHORITY, OVER_SWITCH, INTO_ROUTE)
 
 
@@ -38,7 +40,11 @@ class Observed(NamedTuple):
 class Between:
     """Checks all pairs of trains."""
 
-    def __init__(self) -> None:
+    def __init__(self, known_s: float = 0.0) -> None:
+        """Args:
+        known_s: time after the failure of a switch in which authorities may still lead over it.
+        """
+        self._known_s = known_s
         self.violations: list[PairViolation] = []
         self.checked_count = 0
         """Number of checks of a pair."""
@@ -46,6 +52,8 @@ class Between:
         """Least distance from a front to the next train ahead on its path."""
         self._locked_m: dict[str, float] = {}
         """By train, where its authority was allowed to end at the check before."""
+        self._failed_s: dict[str, float] = {}
+        """By train, when a switch below its authority failed."""
         self._before_failure: dict[str, tuple[int, ...]] = {}
         """By train, the authority that was sent before a switch below it failed."""
         self._found: set[tuple[str, tuple[str, ...]]] = set()
@@ -70,6 +78,8 @@ class Between:
         limit_m = max(routes.body.end_m, routes.unlocked_m)
         if reach_m > limit_m:
             if reach_m <= self._locked_m.get(name, -inf):
+                self._failed_s[name] = at_s
+            if at_s - self._failed_s.get(name, -inf) <= self._known_s:
                 self._before_failure[name] = number
             if self._before_failure.get(name) != number:
                 self._note(OVER_SWITCH, at_s, name)

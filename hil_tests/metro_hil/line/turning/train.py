@@ -156,13 +156,13 @@ class TurningTrain:
 
     @property
     def authority_number(self) -> tuple[int, ...]:
-        """Trip, and number of the newest authority in it."""
+        """Trip, and number of the newest authority in it. Under masters, the report that the oldest
+        of its parts answers: one for each area that the authority leads over.
+        """
         assert self.bench is not None
         if self._command is not None:
             held = self._command.held
-            return (
-                (len(self.trips),) if held is None else (len(self.trips), held.term, held.sequence)
-            )
+            return (len(self.trips),) if held is None else (len(self.trips), held.echo_ns)
         return len(self.trips), self.bench.plant.railway.zone.answered
 
     @property

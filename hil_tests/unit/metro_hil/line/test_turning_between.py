@@ -12,6 +12,7 @@ from metro_hil.line.turning.invariants import (
     INTO_AUTHORITY,
     INTO_ROUTE,
     INTO_TRAIN,
+    KNOWN_S,
     OVER_SWITCH,
     OVERLAP,
     Between,
@@ -131,3 +132,22 @@ def test_a_switch_that_fails_below_an_authority_is_no_violation_until_the_next_o
     between.look(10.15, {"one": Observed(comes, 110.0, (1, number))})
 
     assert [each.kind for each in between.violations] == found
+
+
+@pytest.mark.parametrize(("later_s", "found"), [(0.2, []), (0.21, [OVER_SWITCH])])
+def test_masters_learn_a_little_later_that_a_switch_failed(
+    later_s: float, found: list[str]
+) -> None:
+    box, between = SignalBox(NETWORK), Between(KNOWN_S)
+    comes = on(box, "one", "out", 50.0)
+    for second in range(10):
+        comes.step(second * NS, front_m=50.0, rear_m=-18.6)
+    between.look(9.95, {"one": Observed(comes, 110.0, (1, 1))})
+
+    box.machines["W1"].lost = True
+    between.look(10.0, {"one": Observed(comes, 110.0, (1, 1))})
+    between.look(10.0 + later_s, {"one": Observed(comes, 110.0, (1, 2))})
+
+    assert [each.kind for each in between.violations] == found
+    assert comes.has_failed(0)
+    assert not comes.has_failed(1)
