@@ -47,7 +47,6 @@ TOGETHER: Final = frozenset(
         "test_ato_timing",
         "test_drivers",
         "test_explain_closed_loop",
-        "test_false_greens",
         "test_faults_closed_loop",
         "test_from_log",
         "test_guide_scenario",
