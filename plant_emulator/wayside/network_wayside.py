@@ -36,8 +36,6 @@ from plant_emulator.wayside.separation import REAR_M
 from zenoh_config.keys import matches
 from zenoh_config.t2t import ObjectState
 
-AXLES: Final = 16
-"""Number of axles of each train."""
 ROUTES_NS: Final = 50_000_000
 """Period in which routes are set and released, as in a run in virtual time."""
 NS_PER_S: Final = 1_000_000_000
@@ -197,7 +195,7 @@ class NetworkWayside:
             routes.departs_ns = now_ns + wait_ns - ROUTE_AHEAD_NS if wait_ns > 0 else 0
             routes.step(now_ns, front_m=place.front_m, rear_m=place.rear_m)
         for name, each in self._paths.items():
-            self._truths[name] = truth_of(each.areas, each.path, self.box.trains.values(), AXLES)
+            self._truths[name] = truth_of(each.areas, each.path, self.box.trains.values())
 
     def _is_clear(self, each: PathWayside, train: int, area: int) -> bool:
         """Whether no part of a train stands in an area of a path."""

@@ -37,6 +37,8 @@ from plant_emulator.wayside.interlocking import (
 from plant_emulator.wayside.line_wayside import WaysideTruth
 from zenoh_config.t2t import ObjectState
 
+AXLES: Final = 16
+"""Number of axles of each train."""
 SECTION_M: Final = 100.0
 """Length of the sections whose axles are counted."""
 APPLY_M: Final = 800.0
@@ -136,7 +138,7 @@ def _check_borders(path: Path, routes: Sequence[RouteSection], source: str) -> N
 
 
 def truth_of(
-    areas: AreaMap, path: Path, trains: Iterable[Interlocking], axles: int
+    areas: AreaMap, path: Path, trains: Iterable[Interlocking], axles: int = AXLES
 ) -> WaysideTruth:
     """What the detectors of a path and the interlocking report to its objects.
 

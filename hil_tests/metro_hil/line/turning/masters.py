@@ -26,7 +26,7 @@ from plant_emulator.wayside.interlocking import (
     sections_of,
 )
 from plant_emulator.wayside.line_wayside import Disks, LineWayside
-from plant_emulator.wayside.route_objects import claimed, divided, shared_tracks, truth_of
+from plant_emulator.wayside.route_objects import AXLES, claimed, divided, shared_tracks, truth_of
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, ObjectMemory
 from vobc.config import VobcConfig
 from vobc.process.line_command import LineCommand, commanded
@@ -36,7 +36,6 @@ from vobc.wire.line_radio import LineRadio
 from zenoh_config.t2t import FIRST_ARBITER
 
 DELAY_S: Final = 0.005
-AXLES: Final = 16
 ARBITERS: Final = tuple(range(FIRST_ARBITER, FIRST_ARBITER + 3))
 WAYSIDE: Final = "wayside"
 DEPARTURES: Final = "departures"
@@ -235,7 +234,7 @@ class MasterPath:
             self._ports[train].listen(())
 
     def step(self, now_ns: int, trains: Mapping[str, Interlocking]) -> None:
-        truth = truth_of(self.areas, self._path, trains.values(), AXLES)
+        truth = truth_of(self.areas, self._path, trains.values())
         for key, payload in self._wayside.step(now_ns, self._port.receive(now_ns), truth):
             self._port.send(now_ns, key, payload)
 

@@ -19,7 +19,7 @@ from firmware_py.trackdb.circuit import load_network, load_path
 from firmware_py.trackdb.network import Running
 from firmware_py.trackdb.paths import Path as Way
 from metro_hil.line.turning.invariants import Between, Observed
-from metro_hil.line.turning.masters import ARBITERS, AXLES, NS_PER_S, Masters, StruckMaster
+from metro_hil.line.turning.masters import ARBITERS, NS_PER_S, Masters, StruckMaster
 from plant_emulator.wayside.interlocking import (
     AT_STOP_M,
     Interlocking,
@@ -29,6 +29,7 @@ from plant_emulator.wayside.interlocking import (
 )
 from plant_emulator.wayside.line_object import LineObject
 from plant_emulator.wayside.route_objects import (
+    AXLES,
     check_masters,
     claimed,
     divided,
@@ -555,7 +556,7 @@ class Claims:
             front_m = self.fronts_m[train]
             routes.step(self.now_ns, front_m=front_m, rear_m=front_m - LENGTH_M)
         for number, (way, areas) in enumerate(zip(self.ways, self.areas, strict=True)):
-            truth = truth_of(areas, way, self.box.trains.values(), AXLES)
+            truth = truth_of(areas, way, self.box.trains.values())
             for each in self.objects[number].values():
                 wanted = each.site.number in truth.release_wanted
                 kind = ClaimKind.RELEASE if wanted else ClaimKind.CLAIM
