@@ -322,17 +322,17 @@ def test_each_guard_alone_prevents_one_fault(
     assert (guarded.refused, unguarded.refused) == (1, 0)
 
 
-@pytest.mark.parametrize(("state", "told"), [(LOCKED, FAILED), (FREE, FREE), (FAILED, FAILED)])
+@pytest.mark.parametrize(("state", "reported"), [(LOCKED, FAILED), (FREE, FREE), (FAILED, FAILED)])
 def test_an_object_whose_switch_failed_says_so_while_it_is_locked(
-    state: ObjectState, told: ObjectState
+    state: ObjectState, reported: ObjectState
 ) -> None:
     line_object = started(replace(MEMORY, state=state))
     sent = line_object.step(0, (), release_wanted=False, occupied=True, failed=True).out
     (status,) = [each for each in sent if isinstance(each, ObjectStatus)]
 
-    assert status.state is told
+    assert status.state is reported
     # The lock itself is kept, and counts again once the switch is detected.
     healed = line_object.step(1, (), release_wanted=False, occupied=True).out
     assert [each.state for each in healed if isinstance(each, ObjectStatus)] == (
-        [state] if told is not state else []
+        [state] if reported is not state else []
     )
