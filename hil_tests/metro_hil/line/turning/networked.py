@@ -24,7 +24,7 @@ from firmware_py.trackdb import LineMap
 from firmware_py.trackdb.network import TrackNetwork
 from firmware_py.trackdb.paths import Path as TrackPath
 from firmware_py.trackdb.version import database_version
-from metro_hil.line.turning.masters import AXLES, ShiftedPort
+from metro_hil.line.turning.masters import ShiftedPort
 from metro_hil.line.turning.plan import FleetPlan
 from metro_hil.line.turning.train import TurningTrain
 from metro_hil.model.end_condition import ARRIVED, INTERRUPTED
@@ -38,7 +38,7 @@ from plant_emulator.wayside.network_places import (
     key_of_place,
     read_answer,
 )
-from plant_emulator.wayside.route_objects import divided, shared_tracks
+from plant_emulator.wayside.route_objects import AXLES, divided, shared_tracks
 from vobc.config import VobcConfig
 from vobc.process.line_command import LineCommand, commanded
 from vobc.train_to_train.train import TrainCore
@@ -268,8 +268,12 @@ class NetworkedTrain:
     def _enter(self, interrupted: Callable[[], bool]) -> bool:
         """Wait until the train is due and has room; False after an interrupt."""
         radio, due_ns, asked_ns = self._radio, self._plan.due_ns(self.train.number, 0), -inf
+        heard = False
         while not interrupted():
-            is_due = radio.zero_ns is not None and radio.now_ns >= due_ns
+            if not heard and radio.zero_ns is not None:
+                heard = True
+                self._told("receives the wayside, and waits until it is due and has room")
+            is_due = heard and radio.now_ns >= due_ns
             if is_due and radio.enters:
                 self.entered_ns = radio.now_ns
                 self._told("enters the network")

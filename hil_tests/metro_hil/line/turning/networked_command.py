@@ -2,7 +2,6 @@
 
 import json
 import sys
-from math import isfinite
 from pathlib import Path
 from typing import Final
 
@@ -45,8 +44,8 @@ def run(options: RunOptions, console: Console) -> int:
     number = options.train
     if number > plan.trains:
         raise SettingsError(
-            f"--train {number}: the service {options.service} has {plan.trains} trains; name one "
-            "of them, or give a greater number with --trains"
+            f"--train {number}: the trains of the service {options.service} are numbered from 1 to "
+            f"{plan.trains}; give a greater number with --trains"
         )
     clock = WallClock()
     folder = make_run_folder(options.out, clock.epoch_ns(), f"{plan.network.name}_T{number}")
@@ -60,6 +59,11 @@ def run(options: RunOptions, console: Console) -> int:
         T2tConfig(timers=TIMER_SETS[options.line_timers], arbiters=arbiters),
         options.line_radio,
         lambda text: console.print(f"train {number} {text}", highlight=False, soft_wrap=True),
+    )
+    console.print(
+        f"train {number} waits for the wayside at {options.line_radio}",
+        highlight=False,
+        soft_wrap=True,
     )
     interrupts = Interrupts()
     with interrupts.caught():
@@ -101,10 +105,12 @@ def _show(
 ) -> None:
     trips = train.train.trips
     done = sum(trip.ended_s is not None for trip in trips)
-    errors_m = [abs(stop.error_m) for trip in trips for stop in trip.stops if stop.error_m]
+    errors_m = [
+        abs(stop.error_m) for trip in trips for stop in trip.stops if stop.error_m is not None
+    ]
     worst = f", worst stop error {CM_PER_M * max(errors_m):.1f} cm" if errors_m else ""
     turns = sum(trip.turned for trip in trips)
-    late = f", at most {train.late_s:.2f} s late" if isfinite(train.late_s) else ""
+    late = f", at most {train.late_s:.2f} s late" if trips else ""
     console.print(
         f"{reason}: {done} of {len(plan.trips)} trips, {turns} changes of ends{worst}, "
         f"{len(train.train.brakes)} brakes by protection{late}",

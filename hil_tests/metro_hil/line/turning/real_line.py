@@ -165,7 +165,10 @@ def _document(plan: FleetPlan, line: NetworkRun, reason: str) -> dict[str, Any]:
         text
         for is_so, text in (
             (line.dropped > 0, f"the observer lost {line.dropped} messages"),
-            (len(found) < plan.trains, f"{plan.trains - len(found)} trains left no results"),
+            (
+                len(found) < plan.trains,
+                f"trains without results: {plan.trains - len(found)} of {plan.trains}",
+            ),
             (
                 plan.trains > 1 and witness.checked_count == 0,
                 "no two trains were on the network together",
