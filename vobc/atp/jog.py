@@ -62,11 +62,11 @@ class JogFacts:
 
     @property
     def half_width_m(self) -> float:
-        return max(self.high_m - self.best_m, self.best_m - self.low_m)
+        return (self.high_m - self.low_m) / 2.0
 
     @property
     def fits(self) -> bool:
-        """The interval would fit the window at the stopping point."""
+        """The interval would fit the window if the middle of it stood at the stopping point."""
         return self.half_width_m + FINEST_M <= self.limits.door_window_m
 
     @property
