@@ -22,6 +22,18 @@ T = TypeVar("T")
 KEPT_MAX: Final = 64
 """Number of files whose parsed settings are cached while their text is unchanged."""
 
+MARKS: Final[Mapping[str, str]] = {
+    "trips": "a service",
+    "tracks": "a network",
+    "stations": "a line",
+    "scenario": "a campaign",
+    "substations": "a supply network",
+    "dwell_s": "the traffic of a line",
+    "cars": "a consist",
+    "odometry": "the parameters of a controller",
+}
+"""Keys that only files of one kind have at their top level."""
+
 
 class SettingsError(Exception):
     """An unusable configuration file; the text names file, key and value."""
@@ -147,9 +159,8 @@ def build(kind: type[T], table: Mapping[str, Any], source: str, key: str = "") -
     fields = {field.name: field for field in dataclasses.fields(kind) if field.init}
     for name in table:
         if name not in fields:
-            where = _join(key, name)
-            hint = nearest(name, list(fields), "key")
-            raise SettingsError(f"{source}: {where}: unknown key; {hint}")
+            found = unknown_key(name, list(fields), {} if key else table)
+            raise SettingsError(f"{source}: {_join(key, name)}: {found}")
     values: dict[str, Any] = {}
     for name, field in fields.items():
         if name in table:
@@ -229,7 +240,7 @@ def _changed_fields(value: Any, change: dict[str, Any], source: str, key: str) -
     for name, part in change.items():
         where = _join(key, name)
         if name not in names:
-            raise SettingsError(f"{source}: {where}: unknown key; {nearest(name, names, 'key')}")
+            raise SettingsError(f"{source}: {where}: {unknown_key(name, names)}")
         new[name] = _changed(hints[name], getattr(value, name), part, source, where)
     try:
         return dataclasses.replace(value, **new)
@@ -327,6 +338,18 @@ def check_ranges(owner: object, ranges: Mapping[str, tuple[float, float]]) -> No
         value = getattr(owner, name)
         if not least <= value <= most:
             raise ValueError(f"{name} {value} is not in {least:g}..{most:g}")
+
+
+def unknown_key(name: str, known: list[str], file: Mapping[str, Any] | None = None) -> str:
+    """Say that a key is unknown: what else the file seems to be, or which keys are valid.
+
+    Args:
+        file: the file's top-level table, if the key belongs to it.
+    """
+    for mark, kind in MARKS.items():
+        if mark in (file or {}) and mark not in known:
+            return f"unknown key; the file describes {kind}, because it has {mark!r}"
+    return f"unknown key; {nearest(name, known, 'key')}"
 
 
 def nearest(name: str, known: list[str], what: str = "value") -> str:

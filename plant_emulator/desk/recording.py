@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from can_dbc.cab import CabMode, Desk
-from firmware_py.settings import SettingsError, nearest
+from firmware_py.settings import SettingsError, nearest, unknown_key
 
 COMMENT: Final = "#"
 LEVER_MAX_PERCENT: Final = 100.0
@@ -94,7 +94,7 @@ def _values(words: list[str], where: str) -> Iterator[tuple[str, Any]]:
     for word in words:
         key, equals, value = word.partition("=")
         if key not in FIELDS:
-            raise SettingsError(f"{where}: {key}: unknown key; {nearest(key, list(FIELDS), 'key')}")
+            raise SettingsError(f"{where}: {key}: {unknown_key(key, list(FIELDS))}")
         if not equals:
             raise SettingsError(f"{where}: {key}: no value; write {key}=...")
         yield key, _value(key, value, where)

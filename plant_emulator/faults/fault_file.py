@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from firmware_py.settings import SettingsError, nearest, parse
+from firmware_py.settings import SettingsError, parse, unknown_key
 from plant_emulator.faults.plan import FaultPlan, read_faults
 
 FAULT_KEY: Final = "fault"
@@ -26,7 +26,7 @@ def faults_of(scenario: Mapping[str, Any], source: str) -> tuple[FaultPlan, ...]
     known = [FAULT_KEY, *OTHER_KEYS]
     for key in scenario:
         if key not in known:
-            raise SettingsError(f"{source}: {key}: unknown key; {nearest(key, known, 'key')}")
+            raise SettingsError(f"{source}: {key}: {unknown_key(key, known, scenario)}")
     tables = scenario.get(FAULT_KEY, [])
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise SettingsError(f"{source}: {FAULT_KEY}: {tables!r} is not a list of [[fault]] tables")

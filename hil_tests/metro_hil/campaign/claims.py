@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from firmware_py.settings import nearest
+from firmware_py.settings import nearest, unknown_key
 from metro_hil.campaign.plan import SweepPoint
 from metro_hil.campaign.problems import Findings
 from metro_hil.model.case import ALLOWANCE_GROUPS, Allowance, ExpectedFailure
@@ -114,7 +114,7 @@ def _refuse_unknown(
 ) -> None:
     for name in table:
         if name not in known:
-            findings.add(f"{key}.{name}", f"unknown key; {nearest(name, list(known), 'key')}")
+            findings.add(f"{key}.{name}", unknown_key(name, list(known)))
 
 
 def _names(value: Any, key: str, form: str, findings: Findings) -> tuple[str, ...]:

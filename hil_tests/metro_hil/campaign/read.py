@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from firmware_py import settings
-from firmware_py.settings import SettingsError, nearest
+from firmware_py.settings import SettingsError, nearest, unknown_key
 from metro_hil.campaign.claims import check_claims, read_expected, read_vacuous
 from metro_hil.campaign.definition import Body, PointMaker
 from metro_hil.campaign.designs import Choice, design
@@ -304,7 +304,7 @@ def _read_sweep(
     """The design, its factors and its pool of faults; without factors there is one point."""
     plain = {name: value for name, value in table.items() if name not in ("factors", *POOL)}
     for name in [name for name in plain if name not in SWEEP]:
-        findings.add(f"sweep.{name}", f"unknown key; {nearest(name, list(SWEEP), 'key')}")
+        findings.add(f"sweep.{name}", unknown_key(name, list(SWEEP)))
         del plain[name]
     before = len(findings.found)
     factors = read_factors(table.get("factors", {}), findings)

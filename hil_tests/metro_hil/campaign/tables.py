@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, Final
 
-from firmware_py.settings import nearest
+from firmware_py.settings import nearest, unknown_key
 from metro_hil.campaign.problems import Findings
 from metro_hil.campaign.schema import (
     ARRAYS,
@@ -36,7 +36,7 @@ def shaped(table: Mapping[str, Any], findings: Findings, *, inside_scenario: boo
     kept: ConfigTable = {}
     for name, value in table.items():
         if name not in known:
-            findings.add(name, f"unknown key; {nearest(name, known, 'key')}")
+            findings.add(name, unknown_key(name, known, {} if inside_scenario else table))
         elif name in TABLES and not isinstance(value, dict):
             findings.add(name, f"{value!r} is not a table")
         elif name in ARRAYS and not _is_array(value):

@@ -6,7 +6,7 @@ from typing import Any, Final, TypeVar
 import msgspec
 
 from firmware_py import settings
-from firmware_py.settings import SettingsError, nearest, override
+from firmware_py.settings import SettingsError, nearest, override, unknown_key
 from firmware_py.trackdb import LineMap
 from firmware_py.trackdb.circuit import load_network, split_route, with_route
 from metro_hil.campaign.problems import Findings, attempt, salvage
@@ -119,7 +119,7 @@ def _given(
     """The valid keys that the file gives, by field of Setup."""
     plain = {name: value for name, value in train.items() if name not in OVERRIDES}
     for name in [name for name in plain if name not in TRAIN]:
-        findings.add(f"train.{name}", f"unknown key; {nearest(name, list(TRAIN), 'key')}")
+        findings.add(f"train.{name}", unknown_key(name, list(TRAIN)))
         del plain[name]
     keys, train_given = salvage(
         lambda t: settings.build(TrainKeys, t, "", "train"), plain, "train", findings
