@@ -14,7 +14,6 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Final
 
-from rich.console import Console
 from rich.table import Table
 
 from metro_hil.benchmarks.campaigns import ran
@@ -22,6 +21,7 @@ from metro_hil.engine.folder import CampaignFolder
 from metro_hil.engine.journal import read_journal
 from metro_hil.model.case import Case, CaseResult
 from metro_hil.model.run_options import EXIT_OK
+from metro_hil.model.terminal import console_for
 from metro_hil.report.law_figures import LawFigures, figures_of, law_of, stops_m
 
 LAWS: Final = ("predictive", "pid", "chasing")
@@ -177,7 +177,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         table.add_column(name, justify="left" if name in HEAD[:2] else "right", overflow="fold")
     for each in measured(rows, options.laws, options.seeds):
         table.add_row(*each)
-    Console(width=160).print(table)
+    console_for().print(table)
     return EXIT_OK
 
 

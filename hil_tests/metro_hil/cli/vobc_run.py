@@ -50,6 +50,7 @@ from metro_hil.model.run_options import (
 )
 from metro_hil.model.service import PlannedTrip, several
 from metro_hil.model.subprocesses import ChildError
+from metro_hil.model.terminal import console_for
 from metro_hil.report.explain.event_log import RunEventsError, read_story
 from metro_hil.report.table import print_results
 from metro_hil.run.lockstep import Lockstep, config_of, run_lockstep, scenario_of
@@ -81,7 +82,7 @@ def main(argv: Sequence[str]) -> int:
 
 def drive(options: RunOptions) -> int:
     """Drive one run."""
-    console = Console(stderr=options.json)
+    console = console_for(json=options.json)
     try:
         with working():
             code = _run(options, console)

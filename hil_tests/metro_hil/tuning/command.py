@@ -16,6 +16,7 @@ from rich.table import Table
 from firmware_py.command_line import CommandParser
 from firmware_py.settings import SettingsError
 from metro_hil.model.run_options import EXIT_ENVIRONMENT, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
+from metro_hil.model.terminal import console_for
 from metro_hil.search.local import local_crew
 from metro_hil.tuning.leave import as_document, parameter_file, write_parameters
 from metro_hil.tuning.objective import CM_PER_M, RunFigures
@@ -87,7 +88,7 @@ def _tune(options: argparse.Namespace) -> int:
         raise SettingsError(f"--out {out}: is there already; nothing is overwritten")
     config = load_config(options.params)
     before = {parameter.key: value_of(config, parameter.key) for parameter in parameters}
-    console = Console(stderr=options.json)
+    console = console_for(json=options.json)
     workers = options.workers or len(os.sched_getaffinity(0))
     with ExitStack() as stack:
         evaluate = stack.enter_context(local_crew(workers, {}))

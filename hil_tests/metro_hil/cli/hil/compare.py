@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from metro_hil.engine.errors import UsageError
 from metro_hil.model.run_options import EXIT_FAILED, EXIT_OK
+from metro_hil.model.terminal import console_for
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -66,9 +67,7 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print(comparison_json(judged, before, after))
     else:
-        from rich.console import Console
-
-        print_comparison(Console(), judged, before, after)
+        print_comparison(console_for(), judged, before, after)
     asked = options.fail_on_worse
     shifted = judged.significantly_worse or judged.worse_scenarios
     if asked and judged.unproven and not options.json:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from firmware_py.settings import SettingsError
 from metro_hil.model.run_options import EXIT_OK
+from metro_hil.model.terminal import console_for
 from plant_emulator.faults.kinds import FaultPlace
 
 if TYPE_CHECKING:
@@ -65,12 +66,11 @@ def _json(each: "Described") -> dict[str, Any]:
 
 
 def _print_all(known: "tuple[Described, ...]") -> None:
-    from rich.console import Console
     from rich.table import Table
 
     from plant_emulator.faults.described import PLACE_TITLES
 
-    console = Console(highlight=False, markup=False)
+    console = console_for(highlight=False, markup=False)
     for place in FaultPlace:
         here = [each for each in known if each.place is place]
         if not here:
@@ -89,12 +89,11 @@ def _print_all(known: "tuple[Described, ...]") -> None:
 
 
 def _print_one(each: "Described") -> None:
-    from rich.console import Console
     from rich.table import Table
 
     from plant_emulator.faults.described import PLACE_TITLES
 
-    console = Console(highlight=False, markup=False)
+    console = console_for(highlight=False, markup=False)
     console.print(f"{each.name} ({PLACE_TITLES[each.place]})", style="bold")
     console.print(each.story)
     console.print()

@@ -5,9 +5,10 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from metro_hil.cli.hil.working import console_for, number
+from metro_hil.cli.hil.working import number
 from metro_hil.engine.errors import EngineError, UsageError
 from metro_hil.model.run_options import EXIT_FAILED, EXIT_OK
+from metro_hil.model.terminal import console_for
 
 if TYPE_CHECKING:
     import canlog
@@ -130,7 +131,7 @@ def _tell(path: Path, fitted: "FittedRide", done: "Resimulated") -> None:
         "",
     ]
     sys.stdout.write("".join(f"{line}\n" for line in text))
-    tell_scenario(console_for(json=False), [done.case], [done.result], {})
+    tell_scenario(console_for(), [done.case], [done.result], {})
     sys.stdout.write("".join(f"{line}\n" for line in _divergence(fitted, done)))
     print(f"simulated: {path.parent / 'simulated'}")
     print(f"scenario: {path}")

@@ -4,9 +4,9 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from metro_hil.cli.hil.working import console_for
 from metro_hil.engine.errors import EngineError, UsageError
 from metro_hil.model.run_options import EXIT_FAILED, EXIT_OK
+from metro_hil.model.terminal import console_for
 
 if TYPE_CHECKING:
     from metro_hil.from_log.recorded_run import RecordedRun, Replayed
@@ -71,7 +71,7 @@ def _tell(folder: Path, recorded: "RecordedRun", done: "Replayed") -> None:
         f"{recorded.folder}: {len(recorded.faults)} faults and {recorded.desk_changes} changes of "
         f"the desk in {recorded.end_s:g} s; it ended: {recorded.exit_reason}"
     )
-    tell_scenario(console_for(json=False), [done.case], [done.result], {})
+    tell_scenario(console_for(), [done.case], [done.result], {})
     print(_frames_text(recorded, done))
     print(f"replayed: {folder / 'replayed'}")
     print(f"scenario: {done.path}")

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from metro_hil.model.run_options import EXIT_FAILED, EXIT_OK
+from metro_hil.model.terminal import console_for
 
 if TYPE_CHECKING:
     from metro_hil.model.case import Case, CaseResult
@@ -76,10 +77,9 @@ def run(options: argparse.Namespace) -> int:
 
 def _print(found: "Results") -> None:
     """One table for each law, one row for each scenario."""
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console(highlight=False, markup=False)
+    console = console_for(highlight=False, markup=False)
     columns = (
         *("scenario", "stops", "missed", "mean", "worst", "bound", "in 10"),
         *("run s", "over %"),

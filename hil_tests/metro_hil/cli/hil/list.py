@@ -4,6 +4,7 @@ import argparse
 from typing import Any
 
 from metro_hil.model.run_options import EXIT_OK
+from metro_hil.model.terminal import console_for
 
 
 def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -61,13 +62,12 @@ def row_of(folder: Any) -> dict[str, Any]:
 
 
 def _print(rows: list[dict[str, Any]]) -> None:
-    from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
     from metro_hil.engine.totals import counts_words
 
-    console = Console()
+    console = console_for()
     if not rows:
         console.print("no campaign yet; `hil run` makes one", highlight=False)
         return

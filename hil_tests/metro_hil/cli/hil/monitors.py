@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from firmware_py.settings import SettingsError, nearest
 from metro_hil.model.run_options import EXIT_OK
+from metro_hil.model.terminal import console_for
 
 if TYPE_CHECKING:
     from metro_hil.monitors.catalogue import Invariant
@@ -75,12 +76,11 @@ def _print_some(invariants: "Sequence[Invariant]", signals: "Sequence[Signal]") 
 
 
 def _print_all(invariants: "Sequence[Invariant]", signals: "Sequence[Signal]") -> None:
-    from rich.console import Console
     from rich.table import Table
 
     from metro_hil.monitors.catalogue_text import ORIGINS
 
-    console = Console(highlight=False, markup=False)
+    console = console_for(highlight=False, markup=False)
     table = Table(title="Invariants", title_justify="left", box=None)
     for column in ("name", "unit", "what holds, or why it is not watched"):
         table.add_column(column, overflow="fold")

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from metro_hil.model.run_options import EXIT_FAILED, EXIT_OK
+from metro_hil.model.terminal import console_for
 
 if TYPE_CHECKING:
     from metro_hil.report.campaign.ledger import Ledger
@@ -75,11 +76,10 @@ def _say(paths: list[Path], ledger: "Ledger", subset: str) -> None:
 def _show_layout(name: str | None, ledger: "Ledger") -> None:
     if name is None:
         return
-    from rich.console import Console
 
     from metro_hil.report.layouts import show_layout
 
-    show_layout(Console(), name, [(entry.case, entry.result) for entry in ledger.entries])
+    show_layout(console_for(), name, [(entry.case, entry.result) for entry in ledger.entries])
 
 
 def _open(page: Path) -> None:

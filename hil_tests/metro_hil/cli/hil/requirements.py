@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from firmware_py.settings import nearest
 from metro_hil.model.run_options import EXIT_OK
+from metro_hil.model.terminal import console_for
 
 if TYPE_CHECKING:
     from metro_hil.model.requirements import Requirement
@@ -96,7 +97,6 @@ def _chosen(catalogue: "Mapping[str, Requirement]", name: str | None) -> "dict[s
 
 
 def _print(rows: "Sequence[dict[str, Any]]") -> None:
-    from rich.console import Console
     from rich.table import Table
 
     table = Table(box=None)
@@ -108,7 +108,7 @@ def _print(rows: "Sequence[dict[str, Any]]") -> None:
         counts = Counter(each["result"] for each in row["scenarios"])
         words = ", ".join(f"{count} {result}" for result, count in counts.items())
         table.add_row(row["id"], words or "none", str(len(row["tests"])), row["text"])
-    console = Console(highlight=False, markup=False)
+    console = console_for(highlight=False, markup=False)
     console.print(table)
     console.print("`hil requirements NAME` names the scenarios and tests of one", style="dim")
 

@@ -5,8 +5,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from metro_hil.cli.hil.working import console_for, number
+from metro_hil.cli.hil.working import number
 from metro_hil.model.run_options import EXIT_FAILED, EXIT_OK
+from metro_hil.model.terminal import console_for
 
 if TYPE_CHECKING:
     from metro_hil.engine.folder import CampaignFolder
@@ -69,7 +70,7 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print(_json(case, result, place, difference))
     else:
-        tell(console_for(json=False), case, result, sorted(place.path.iterdir()))
+        tell(console_for(), case, result, sorted(place.path.iterdir()))
         print(f"plot: {place.plot if drawn else 'none'}")
         print(f"run folder: {place.path}")
     if difference:

@@ -24,8 +24,8 @@ def run(options: argparse.Namespace) -> int:
     from rich.table import Table
 
     from metro_hil.campaign.scenarios import shipped_scenarios
-    from metro_hil.cli.hil.working import console_for
     from metro_hil.engine.errors import UsageError
+    from metro_hil.model.terminal import console_for
 
     wanted = [word.lower() for word in options.words]
     found = [
@@ -48,5 +48,5 @@ def run(options: argparse.Namespace) -> int:
     for each in found:
         words = (each.name, each.campaign, each.title, ", ".join(each.requirements))
         table.add_row(*map(escape, words))
-    console_for(json=False).print(table)
+    console_for().print(table)
     return EXIT_OK

@@ -5,8 +5,9 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
-from metro_hil.cli.hil.working import console_for, print_layout
+from metro_hil.cli.hil.working import print_layout
 from metro_hil.model.run_options import EXIT_FAILED, EXIT_OK
+from metro_hil.model.terminal import console_for
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -62,7 +63,7 @@ def run(options: argparse.Namespace) -> int:
         }
         print(msgspec.json.encode(document).decode())
     else:
-        _show_campaign(console_for(json=False), folder, cases, by_id, totals)
+        _show_campaign(console_for(), folder, cases, by_id, totals)
     return EXIT_OK if totals.passed else EXIT_FAILED
 
 
@@ -86,7 +87,7 @@ def _show_case(
         document = {"case": case, "result": result, "logs": [str(path) for path in logs]}
         print(msgspec.json.encode(document).decode())
     else:
-        tell(console_for(json=False), case, result, logs)
+        tell(console_for(), case, result, logs)
         if not logs:
             print(f"no logs were kept; hil rerun {folder.path} {case.id}")
     return EXIT_OK if result is not None and as_expected(case, result) else EXIT_FAILED

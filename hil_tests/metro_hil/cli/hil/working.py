@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 from firmware_py.arguments import of_file
 from metro_hil.engine.errors import EngineError, UsageError
 from metro_hil.model.run_options import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
+from metro_hil.model.terminal import console_for
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -26,7 +27,6 @@ KEEP_WORST: Final = 3
 KEEP_WORST_ALONE: Final = 12
 """Logs kept when one scenario runs alone: its user wants to look at them."""
 UNEXPECTED_SHOWN_MAX: Final = 10
-FILE_COLUMNS: Final = 160
 PROCESSES_MAX: Final = 1024
 """Maximum number of processes; no machine on which this runs can use more."""
 
@@ -153,7 +153,7 @@ def _work_on(
     from metro_hil.engine.run_campaign import CampaignOptions, run_campaign
     from metro_hil.engine.stopping import StopWish
 
-    console = console_for(options.json)
+    console = console_for(json=options.json)
     alone = len({case.scenario for case in folder.cases()}) == 1
     worst = KEEP_WORST_ALONE if alone else KEEP_WORST
     for name, default in (("keep", KEEP), ("keep_worst", worst), ("case_timeout", None),
@@ -272,14 +272,6 @@ def info_of(manifest: "Manifest", cases: "Sequence[Case]") -> "CampaignInfo":
         planned_cases=manifest.planned_cases,
         layout=manifest.layout,
     )
-
-
-def console_for(json: bool) -> "Console":
-    """Console on standard output, or with `--json` on standard error; files get wide lines."""
-    from rich.console import Console
-
-    console = Console(stderr=json)
-    return console if console.is_terminal else Console(stderr=json, width=FILE_COLUMNS)
 
 
 def exit_code(end: "CampaignEnd") -> int:

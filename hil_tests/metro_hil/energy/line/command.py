@@ -19,6 +19,7 @@ from metro_hil.energy.line.table_four import PRINTED, TableFour, TableFourRow, s
 from metro_hil.engine.errors import UsageError
 from metro_hil.model.run_folder import make_run_folder
 from metro_hil.model.run_options import EXIT_INTERRUPTED, EXIT_OK
+from metro_hil.model.terminal import console_for
 
 NAME: Final = "green-cbtc"
 PERCENT: Final = 100.0
@@ -33,7 +34,7 @@ def run(options: argparse.Namespace) -> int:
         if getattr(options, name, None) is not None:
             raise UsageError(f"--{name}: {NAME} has no cases, only seeds; use --seed or --limit")
     folder = make_run_folder(options.out, WallClock().epoch_ns(), NAME).path
-    console = Console(stderr=options.json)
+    console = console_for(json=options.json)
     if not COMPILED:
         console.print("without numba (extra `compiled`) the run takes fifty times as long")
     seeds = table_four.SEEDS if options.seed is None else (options.seed,)

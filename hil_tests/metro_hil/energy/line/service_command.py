@@ -22,6 +22,7 @@ from metro_hil.energy.line.table_four import paired
 from metro_hil.energy.line.trip_times import HopCosts, costs_of, divide, hop_costs
 from metro_hil.energy.running_curve.train import RunningTrain, load_train, of_consist
 from metro_hil.model.run_options import EXIT_OK
+from metro_hil.model.terminal import console_for
 from plant_emulator.traffic.config import TrafficConfig, plan_traffic
 from plant_emulator.train_config import load_train as load_consist
 
@@ -56,7 +57,7 @@ def divide_trip(options: argparse.Namespace) -> int:
     if options.train is None:
         raise SettingsError(f"--train: is missing; {options.line} needs a train or --traffic")
     line, train, out = load_line(options.line), load_train(options.train), free_file(options.out)
-    console = Console(stderr=options.json)
+    console = console_for(json=options.json)
     hops = []
     with console.status("computing runs") as status:
         for index in range(len(line.stations) - 1):
@@ -81,7 +82,7 @@ def save_on_line(options: argparse.Namespace) -> int:
     traffic, line, supply = plan_traffic(options.line, options.traffic, options.supply)
     train, out = train_of(options.train, traffic.consist), free_file(options.out)
     service = ServiceLine(traffic, line, train, supply)
-    console = Console(stderr=options.json)
+    console = console_for(json=options.json)
     with console.status("computing runs") as status:
         hops = hops_of(service)
         planned = planned_s(service.stations[1:], hops, options.reserve)

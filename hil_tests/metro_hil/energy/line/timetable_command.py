@@ -24,6 +24,7 @@ from metro_hil.energy.line.simulate import dwells_of, simulate
 from metro_hil.energy.line.synchronise import TimetableSearch
 from metro_hil.energy.line.table_four import paired
 from metro_hil.model.run_options import EXIT_OK, EXIT_USAGE
+from metro_hil.model.terminal import console_for
 
 CHANGPING: Final = "changping"
 STRONG: Final = "strong"
@@ -86,7 +87,7 @@ def _find(options: argparse.Namespace) -> int:
         if getattr(options, name) is not None:
             raise SettingsError(f"--{name}: only with another line, or with --traffic")
     out = free_file(options.out)
-    console = Console(stderr=options.json)
+    console = console_for(json=options.json)
     train, supply, base = LineTrain(), line_supply(options.supply or STRONG), Timetable()
     search = TimetableSearch(train, supply, base, seed=options.seed, budget=options.budget)
     with console.status("searching") as status:

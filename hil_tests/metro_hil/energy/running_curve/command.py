@@ -38,6 +38,7 @@ from metro_hil.energy.running_curve.track import level_track, track_between
 from metro_hil.energy.running_curve.train import RunningTrain, load_train
 from metro_hil.model.run_folder import RunFolderError, discard_unused, make_run_folder
 from metro_hil.model.run_options import EXIT_FAILED, EXIT_OK, EXIT_USAGE
+from metro_hil.model.terminal import console_for
 
 DESCRIPTION: Final = (
     "Design the power-limited running curve of one hop after Ninh, Watanabe and Koseki: search the "
@@ -119,7 +120,7 @@ def _design(options: argparse.Namespace) -> int:
     except (SettingsError, NotSolvedError):
         discard_unused(folder)
         raise
-    console = Console(stderr=options.json)
+    console = console_for(json=options.json)
     title = f"{line.name}: {first} to {last}, {track.length_m:g} m in {options.time:g} s"
     _show(console, title, found)
     if options.train == "seed002":

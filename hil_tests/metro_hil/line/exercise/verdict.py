@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 from typing import Final
 
-from rich.console import Console
 from rich.table import Table
 
 from can_dbc.vobc import Cause
 from metro_hil.line.exercise.event_log import EmergencyBrakeEvent, LineEvents
 from metro_hil.line.exercise.results import TrainResult, result_of
+from metro_hil.model.terminal import console_for
 
 KMH: Final = 3.6
 REMOTE: Final = Cause.REMOTE.name.lower()
@@ -80,7 +80,7 @@ def show(story: LineEvents, trains: int) -> None:
             emergency_words(train),
             ", ".join([f"{stop.station} {stop.error_m:+.2f}" for stop in train.stops]) or "–",
         )
-    Console(highlight=False, width=150).print(table)
+    console_for(highlight=False).print(table)
 
 
 def _figure(value: float | None, digits: int) -> str:

@@ -27,6 +27,7 @@ from metro_hil.model.run_options import (
     RunOptions,
     parse,
 )
+from metro_hil.model.terminal import console_for
 from vobc.train_to_train.vocabulary import T2tConfig
 from zenoh_config.t2t import FIRST_ARBITER
 from zenoh_config.timers import TIMER_SETS
@@ -85,7 +86,7 @@ def main() -> int:
     """Run a train as a child of the bench: the words of `vobc run`, and `--parent PID`."""
     *words, _, parent = sys.argv[1:]
     die_with_parent(int(parent))
-    return run(parse(words), Console())
+    return run(parse(words), console_for())
 
 
 def _document(plan: FleetPlan, train: NetworkedTrain, reason: str) -> dict[str, object]:

@@ -5,13 +5,12 @@ import json
 import sys
 from collections.abc import Sequence
 
-from rich.console import Console
-
 from canlog.damage import LogError
 from canlog.run_names import choose_run
 from firmware_py.command_line import CommandParser
 from firmware_py.settings import SettingsError
 from metro_hil.model.run_options import EXIT_OK, EXIT_USAGE
+from metro_hil.model.terminal import console_for
 from metro_hil.report.explain.bus_log import located
 from metro_hil.report.explain.choose import chosen, kinds_of
 from metro_hil.report.explain.event_log import KINDS, RunEventsError, read_story
@@ -69,7 +68,7 @@ def main(argv: Sequence[str]) -> int:
 def _explain(options: argparse.Namespace) -> int:
     only = kinds_of(options.only)
     story = located(read_story(choose_run(options.run, "vobc")))
-    console = Console()
+    console = console_for()
     if options.at_s is not None:
         known = known_at(story.folder, options.at_s)
         if options.json:
