@@ -26,6 +26,8 @@ STOPPED_M: Final = 2.0
 YOUNG_NS: Final = 1_000_000_000
 MOVED_M: Final = 0.01
 REACHES: Final = 32
+OLD: Final = Cause.AUTHORITY_OLD.name.lower().replace("_", " ")
+"""Cause that a wayside fault explains: without arbiters authorities grow old, and trains brake."""
 DRIVING: Final = (Supervision.NOMINAL, Supervision.WARNING, Supervision.SERVICE)
 """States of supervision that a train can reach only with an authority."""
 

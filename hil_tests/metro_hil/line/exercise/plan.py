@@ -67,6 +67,12 @@ HELP: Final = {
 }
 
 
+CUTS: Final = {
+    Strike.CUT_MASTER: ("cut", "is cut"),
+    Strike.MUTE_MASTER: ("mute", "lets nothing out"),
+    Strike.DEAFEN_MASTER: ("deafen", "lets nothing in"),
+}
+"""Order to what carries the radio, and text for the event log."""
 ONE_WAY: Final = (Strike.MUTE_MASTER, Strike.DEAFEN_MASTER)
 """Faults that need network namespaces for the controllers."""
 

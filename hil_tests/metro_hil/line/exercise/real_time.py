@@ -7,7 +7,6 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from can_dbc.vobc import Cause
 from firmware_py.clock.clock import WallClock
 from firmware_py.interrupts import Interrupts
 from firmware_py.ports import RadioPort
@@ -16,11 +15,12 @@ from firmware_py.radio.line_keys import line_keys
 from firmware_py.radio.zenoh_radio import SessionRole, open_radio
 from firmware_py.trackdb import LineMap
 from firmware_py.trackdb.areas import AreaMap
-from metro_hil.line.exercise.event_log import LineEvents
+from metro_hil.line.exercise.event_log import OLD, LineEvents
 from metro_hil.line.exercise.observer import LAG_NS, Observer
-from metro_hil.line.exercise.plan import Fault, PlannedRun, Strike
+from metro_hil.line.exercise.plan import CUTS, Fault, PlannedRun, Strike
 from metro_hil.line.exercise.processes import WAYSIDE, LineProcesses
 from metro_hil.line.exercise.record import LineRunFiles
+from metro_hil.line.exercise.schedule import FaultSchedule
 from metro_hil.line.exercise.taps import ProtectionTap
 from metro_hil.line.network.options import OwnNetworks
 from metro_hil.line.network.topology import Topology
@@ -35,16 +35,6 @@ START_S: Final = 60.0
 RECONNECT_S: Final = 10.0
 """Time within which all programs reach a restarted wayside again."""
 INBOX_MESSAGES: Final = 1 << 16
-OLD: Final = Cause.AUTHORITY_OLD.name.lower().replace("_", " ")
-"""Cause that a wayside fault explains: without arbiters authorities grow old, and trains brake."""
-
-
-CUTS: Final = {
-    Strike.CUT_MASTER: ("cut", "is cut"),
-    Strike.MUTE_MASTER: ("mute", "lets nothing out"),
-    Strike.DEAFEN_MASTER: ("deafen", "lets nothing in"),
-}
-"""Order for the packet carrier and text for the event log."""
 
 
 class Settings(NamedTuple):
@@ -95,8 +85,7 @@ class RealLine:
         """Instant of the wayside's return, until all trains are received again."""
         self.carried: dict[str, dict[str, int]] = {}
         """Packet counts by direction, if trains had own networks."""
-        self._faults = list(settings.faults)
-        self._later: list[tuple[int, Callable[[], None]]] = []
+        self._schedule = FaultSchedule(settings.faults, settings.down_s)
         self._absent: set[str] = set()
         """Struck programs that are not back yet."""
         self._stopped: dict[str, int] = {}
@@ -164,7 +153,7 @@ class RealLine:
             self._observe(self._clock.now_ns())
             done = now_ns - began_ns >= self._settings.duration_s * NS_PER_S
             if not done:
-                self._strike(crew, now_ns, began_ns)
+                self._schedule.step(now_ns, began_ns, lambda fault: self._apply_fault(crew, fault))
         if done:
             self._receive_rest(port, taps, self._clock.now_ns())
             self.carried = crew.carried()
@@ -233,21 +222,14 @@ class RealLine:
 
     # Faults.
 
-    def _strike(self, crew: LineProcesses, now_ns: int, began_ns: int) -> None:
-        for due_ns, action in list(self._later):
-            if now_ns >= due_ns:
-                self._later.remove((due_ns, action))
-                action()
-        while self._faults and now_ns - began_ns >= self._faults[0].at_s * NS_PER_S:
-            self._apply_fault(crew, self._faults.pop(0), now_ns)
-
-    def _apply_fault(self, crew: LineProcesses, fault: Fault, now_ns: int) -> None:
-        strike = fault.strike
+    def _apply_fault(self, crew: LineProcesses, fault: Fault) -> bool:
+        """Begin a fault; without a master to strike it is missed. Returns True."""
+        now_ns, strike = self._clock.now_ns(), fault.strike
         if strike is Strike.CRASH_WAYSIDE:
             self._tell(now_ns, "the wayside with its arbiters is killed")
             self.story.excused.add(OLD)
             self._take_down(crew, WAYSIDE, signal.SIGKILL, lambda: self._restart_wayside(crew))
-            return
+            return True
         area, train = self._master()
         if strike is Strike.RESTART_TRAIN:
             train = fault.train
@@ -255,7 +237,7 @@ class RealLine:
             words = f"{strike.value.removesuffix('-at')}: no train commands, so none is struck"
             self._tell(now_ns, words)
             self.story.missed_strikes.append(words)
-            return
+            return True
         else:
             self.story.orders_takeover(area, train)
         self.story.strikes(train)
@@ -264,7 +246,7 @@ class RealLine:
             order, words = CUTS[strike]
             self._tell(now_ns, f"the radio of train {train} {words}")
             crew.order(order, train)
-            self._after_downtime(lambda: self._heal(crew, train))
+            self._schedule.ends(now_ns, lambda: self._heal(crew, train))
         elif strike is Strike.STOP_MASTER:
             self._tell(now_ns, f"the controller of train {train} is stopped by SIGSTOP")
             self._take_down(
@@ -274,6 +256,7 @@ class RealLine:
             by = signal.SIGKILL if strike is Strike.KILL_MASTER else signal.SIGTERM
             self._tell(now_ns, f"the controller of train {train} is ended by {by.name}")
             self._take_down(crew, name, by, lambda: self._restart_controller(crew, train))
+        return True
 
     def _take_down(
         self, crew: LineProcesses, name: str, number: signal.Signals, back: Callable[[], None]
@@ -285,11 +268,7 @@ class RealLine:
             back()
             self._absent.discard(name)
 
-        self._after_downtime(come_back)
-
-    def _after_downtime(self, action: Callable[[], None]) -> None:
-        due_ns = self._clock.now_ns() + round(self._settings.down_s * NS_PER_S)
-        self._later.append((due_ns, action))
+        self._schedule.ends(self._clock.now_ns(), come_back)
 
     def _restart_wayside(self, crew: LineProcesses) -> None:
         self._back_ns = self._clock.now_ns()

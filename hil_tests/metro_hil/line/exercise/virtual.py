@@ -6,10 +6,11 @@ from typing import Final
 
 from firmware_py.clock.executive import Executive
 from firmware_py.interrupts import Interrupts
-from metro_hil.line.exercise.event_log import LineEvents
+from metro_hil.line.exercise.event_log import OLD, LineEvents
 from metro_hil.line.exercise.plan import ONE_WAY, Fault, Strike
-from metro_hil.line.exercise.real_time import OLD, Settings
+from metro_hil.line.exercise.real_time import Settings
 from metro_hil.line.exercise.record import LineRunFiles
+from metro_hil.line.exercise.schedule import FaultSchedule
 from metro_hil.line.train_group import AXLES, LineBench, TrainRun
 from plant_emulator.wayside.detection import Place
 from vobc.config import load_config
@@ -45,8 +46,7 @@ class VirtualLine:
         """Packet counts; always empty, as virtual time has no networks."""
         self._settings = settings
         self._tap = self.bench.air.port("tap", t2t_keys.of_line(settings.areas.name))
-        self._faults = list(settings.faults)
-        self._later: list[tuple[int, Callable[[], None]]] = []
+        self._schedule = FaultSchedule(settings.faults, settings.down_s)
 
     def run(self) -> bool:
         """Run the line; return whether it ran to its end."""
@@ -57,7 +57,7 @@ class VirtualLine:
                 while bench.clock.now_ns() < end_ns and not interrupts.asked:
                     bench.run(LOOK_S)
                     self._observe()
-                    self._strike()
+                    self._schedule.step(bench.clock.now_ns(), 0, self._apply_fault)
         finally:
             self.record.close()
         if self.dropped:
@@ -76,23 +76,15 @@ class VirtualLine:
             self.story.stands(number, Place(world.front_m, rear_m, AXLES, now_ns))
             self.story.tells(number, output.supervision, output.emergency_cause, now_ns)
 
-    def _strike(self) -> None:
-        now_ns = self.bench.clock.now_ns()
-        for due_ns, action in list(self._later):
-            if now_ns >= due_ns:
-                self._later.remove((due_ns, action))
-                action()
-        while self._faults and now_ns >= self._faults[0].at_s * NS_PER_S:
-            self._apply_fault(self._faults.pop(0))
-
-    def _apply_fault(self, fault: Fault) -> None:
+    def _apply_fault(self, fault: Fault) -> bool:
+        """Begin a fault; without a master to strike it is missed. Returns True."""
         bench, now_ns = self.bench, self.bench.clock.now_ns()
         if fault.strike is Strike.CRASH_WAYSIDE:
             self._tell(now_ns, "the wayside with its arbiters dies")
             self.story.excused.add(OLD)
             bench.crash_wayside()
-            self._after_downtime(self._restart_wayside)
-            return
+            self._schedule.ends(now_ns, self._restart_wayside)
+            return True
         masters = [
             (area.number, m) for area in bench.areas.areas for m in bench.masters(area.number)
         ]
@@ -102,7 +94,7 @@ class VirtualLine:
             )
             self._tell(now_ns, words)
             self.story.missed_strikes.append(words)
-            return
+            return True
         area_number, train = masters[0]
         self.story.orders_takeover(area_number, train)
         self.story.strikes(train)
@@ -110,14 +102,15 @@ class VirtualLine:
             self._tell(now_ns, f"the radio of train {train} is cut")
             for other in [*[f"train {n}" for n in bench.trains if n != train], "wayside"]:
                 bench.air.cut(f"train {train}", other)
-            self._after_downtime(bench.air.heal)
+            self._schedule.ends(now_ns, bench.air.heal)
         elif fault.strike is Strike.STOP_MASTER:
             self._tell(now_ns, f"the controller of train {train} stops")
             executive = bench.stop(train)
-            self._after_downtime(lambda: self._continue_controller(executive, train))
+            self._schedule.ends(now_ns, lambda: self._continue_controller(executive, train))
         else:
             self._tell(now_ns, f"the controller of train {train} dies")
             bench.kill(train)
+        return True
 
     def _restart_wayside(self) -> None:
         self._tell(self.bench.clock.now_ns(), "the wayside with its arbiters is started again")
@@ -126,7 +119,3 @@ class VirtualLine:
     def _continue_controller(self, executive: Executive, train: int) -> None:
         self._tell(self.bench.clock.now_ns(), f"the controller of train {train} goes on")
         self.bench.go_on(executive)
-
-    def _after_downtime(self, action: Callable[[], None]) -> None:
-        due_ns = self.bench.clock.now_ns() + round(self._settings.down_s * NS_PER_S)
-        self._later.append((due_ns, action))
