@@ -46,9 +46,14 @@ class Process:
         command: Sequence[str],
         log: Path,
         environment: Mapping[str, str] | None = None,
+        *,
+        takes_orders: bool = False,
     ) -> None:
-        """Start the process. Raises OSError if the program is missing or the log cannot be
-        written."""
+        """Start the process. Raises OSError if the program is missing or the log cannot be written.
+
+        Args:
+            takes_orders: the process reads orders from its standard input.
+        """
         self.name = name
         self._log = log
         self._output = log.open("ab")
@@ -57,7 +62,8 @@ class Process:
         try:
             self._process = subprocess.Popen(
                 list(command),
-                stdin=subprocess.DEVNULL,
+                bufsize=0,
+                stdin=subprocess.PIPE if takes_orders else subprocess.DEVNULL,
                 stdout=self._output,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
@@ -101,8 +107,16 @@ class Process:
             return f"{self._log}: {error.strerror}"
         return "\n".join(text.strip().splitlines()[-TAIL_LINES:])
 
+    def order(self, text: str) -> None:
+        """Send one line to the standard input of a process that takes orders."""
+        assert self._process.stdin is not None
+        with contextlib.suppress(BrokenPipeError):
+            self._process.stdin.write(f"{text}\n".encode())
+
     def end(self) -> int:
         """Ask the process to end, wait, kill it if it does not end; return its exit code."""
+        if self._process.stdin is not None:
+            self._process.stdin.close()
         if not self.ended:
             self._process.send_signal(signal.SIGTERM)
         try:
@@ -122,7 +136,15 @@ class Process:
 class Child(Process):
     """A program of this project, which never outlives the bench."""
 
-    def __init__(self, name: str, module: str, arguments: Sequence[str], log: Path) -> None:
+    def __init__(
+        self,
+        name: str,
+        module: str,
+        arguments: Sequence[str],
+        log: Path,
+        *,
+        takes_orders: bool = False,
+    ) -> None:
         # The child asks the kernel to end it when the bench dies.
         words = [sys.executable, "-m", module, *arguments, "--parent", str(os.getpid())]
-        super().__init__(name, words, log)
+        super().__init__(name, words, log, takes_orders=takes_orders)

@@ -322,6 +322,11 @@ class Lockstep:
         if self.vobc.executive in self._executives:
             self._executives.remove(self.vobc.executive)
 
+    def with_controller(self) -> None:
+        """Continue with the controller again, which was only stopped."""
+        if self.vobc.executive not in self._executives:
+            self._executives.append(self.vobc.executive)
+
     def close(self) -> None:
         """Stop the devices, deliver their last frames, and close the logs."""
         now_ns = self.clock.now_ns()

@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 BENCHES: Final = ("processes", "lockstep")
 EPILOG: Final = """\
 Each fault option may be given several times. A process or link that is killed, stopped or cut
-stays away for --down-for seconds; in lockstep a killed controller stays dead. The folder keeps the
+stays away for --down-for seconds; in lockstep, and with --service, a killed controller stays dead.
+With --service seconds count from the entry of the first train, and a fault of a master waits until
+one commands an area with another train in it. The folder keeps the
 options (run.toml), the event log (story.txt), the table and the verdict (results.json), the
 messages on the line's radio (`vobc line-log FOLDER`) and the logs of every train.
 exit codes: 0 no train came too near, and none braked by emergency without need; 1 one did; 2 wrong
@@ -50,8 +52,8 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     parser.add_argument(
         "--service",
         metavar="FILE",
-        help="instead of a line: trains on a network that make the trips of this service, without "
-        "faults, until all have made them or --for is over",
+        help="instead of a line: trains on a network that make the trips of this service, until "
+        "all have made them or --for is over",
     )
     parser.add_argument(
         "--trains",
@@ -140,9 +142,13 @@ def run(options: argparse.Namespace) -> int:
 
 def _run_service(options: argparse.Namespace) -> int:
     from firmware_py.radio.zenoh_radio import RadioError
+    from metro_hil.cli.hil.line_settings import refuse_faults
+    from metro_hil.line.exercise.plan import faults_of
     from metro_hil.line.turning import real_line
     from metro_hil.model.subprocesses import ChildError
 
+    if not options.restart_train_at:
+        refuse_faults(options, faults_of(options))
     try:
         return real_line.run(options)
     except (RadioError, ChildError) as error:

@@ -34,7 +34,7 @@ def settings_of(options: argparse.Namespace) -> Settings:
     options.trains = TRAINS if options.trains is None else options.trains
     areas, line = load_areas(options.line), load_line(options.line)
     ways, faults = _ways(options, line), faults_of(options)
-    _refuse_faults(options, faults)
+    refuse_faults(options, faults)
     networks = networks_of(options, needed=any(each.strike in ONE_WAY for each in faults))
     _refuse_places(options, networks)
     return Settings(
@@ -66,11 +66,12 @@ def _ways(options: argparse.Namespace, line: LineMap) -> list[PlannedRun]:
         raise UsageError(str(error)) from error
 
 
-def _refuse_faults(options: argparse.Namespace, faults: Sequence[Fault]) -> None:
+def refuse_faults(options: argparse.Namespace, faults: Sequence[Fault]) -> None:
+    """Raises UsageError for faults that the run cannot have."""
     if not 0.0 < options.duration_s <= DURATION_MAX_S:
         raise UsageError(f"--for {options.duration_s:g}: not a duration")
     for each in faults:
-        if each.train > options.trains:
+        if options.trains is not None and each.train > options.trains:
             raise UsageError(f"--{each.strike.value} T{each.train}: there is no such train")
         if options.bench == LOCKSTEP and each.strike in NOT_HERE:
             raise UsageError(f"--{each.strike.value}: not in lockstep")

@@ -123,7 +123,13 @@ class LineEvents:
         areas: AreaMap,
         say: Callable[[int, str], None],
         key: SafetyKey = BENCH_KEY,
+        *,
+        own_clocks: bool = False,
     ) -> None:
+        """Args:
+        own_clocks: each train has a clock of its own; when that began is estimated from the
+            reports. Otherwise all use the clock of this machine.
+        """
         self.trains: dict[int, TrainEvents] = {}
         self.areas: dict[int, AreaEvents] = {}
         self.collisions: list[str] = []
@@ -135,6 +141,9 @@ class LineEvents:
         self.ordered: list[Takeover] = []
         self.missed_strikes: list[str] = []
         """Faults that were due while no train commanded."""
+        self._own_clocks = own_clocks
+        self._began_ns: dict[int, int] = {}
+        """Instant of this machine's clock at which the clock of each train began."""
         self._line, self._map, self._say, self._key = line, areas, say, key
         self._rails = subscription(areas.name).removesuffix("*")
 
@@ -201,10 +210,21 @@ class LineEvents:
     def strikes(self, number: int) -> None:
         self.train(number).struck = True
 
+    def leaves(self, number: int) -> None:
+        """A train takes no part in this line any more; its clock begins again if it returns."""
+        train = self.train(number)
+        train.place = None
+        train.given.clear()
+        train.reaches.clear()
+        self._began_ns.pop(number, None)
+
+    def has_others(self, area: int, number: int) -> bool:
+        """Whether a train other than this one is in an area."""
+        return any(self._is_here(each, area) for n, each in self.trains.items() if n != number)
+
     def orders_takeover(self, area: int, number: int) -> None:
         """The master of an area is struck, so another train there must take over."""
-        others = [each for n, each in self.trains.items() if n != number]
-        if any(self._is_here(each, area) for each in others):
+        if self.has_others(area, number):
             self.ordered.append(Takeover(area, number, self._term(area)))
 
     def unseen_takeovers(self) -> list[Takeover]:
@@ -231,14 +251,27 @@ class LineEvents:
 
     def _on_report(self, report: TrainReport, now_ns: int) -> None:
         train = self.train(report.source)
+        if self._own_clocks:
+            began_ns = now_ns - report.stamp_ns
+            # The fastest report tells best.
+            self._began_ns[report.source] = min(
+                began_ns, self._began_ns.get(report.source, began_ns)
+            )
+        sent_ns = report.stamp_ns + self._began_ns.get(report.source, 0)
         story = self.areas.get(report.area)
         if report.member and story is not None and story.heartbeat.source == report.source:
             # A master's authority for itself is not sent by radio.
             given = Given(
                 *(now_ns, report.held_term, report.held_end_m),
-                echo_ns=report.stamp_ns,
-                said_ns=report.stamp_ns,
+                echo_ns=sent_ns,
+                said_ns=sent_ns,
             )
+            before = train.given.get(report.area)
+            counts = not train.struck and self._is_here(train, report.area)
+            if before is not None and before.term < given.term and counts:
+                # A train that takes over waited until it could give itself an authority.
+                age_ms = (sent_ns - before.echo_ns) / NS_PER_MS
+                train.oldest_ms = max(train.oldest_ms, age_ms)
             train.given[report.area] = given
 
     def _on_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> None:
@@ -272,13 +305,14 @@ class LineEvents:
         before = train.given.get(authority.area)
         if before is not None and authority.term < before.term:
             return
-        train.latencies_ms.append((now_ns - authority.echo_ns) / NS_PER_MS)
+        echo_ns = authority.echo_ns + self._began_ns.get(authority.destination, 0)
+        train.latencies_ms.append((now_ns - echo_ns) / NS_PER_MS)
         if before is not None and self._is_here(train, authority.area) and not train.struck:
             age_ms = (now_ns - before.echo_ns) / NS_PER_MS
             train.oldest_ms = max(train.oldest_ms, age_ms)
         given = Given(
-            *(now_ns, authority.term, authority.end_m, authority.echo_ns),
-            said_ns=authority.stamp_ns,
+            *(now_ns, authority.term, authority.end_m, echo_ns),
+            said_ns=authority.stamp_ns + self._began_ns.get(authority.source, 0),
         )
         train.given[authority.area] = given
         story = self.areas.get(authority.area)

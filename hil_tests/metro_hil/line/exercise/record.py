@@ -24,7 +24,8 @@ class LineRunFiles:
         self._log = RadioLog(folder / LINE_LOG)
         self._story = LineFile(folder / STORY)
         self._say = say
-        self._zero_ns: int | None = None
+        self.zero_ns: int | None = None
+        """Instant of second 0; that of the first message unless it is set before."""
 
     @property
     def lost_lines(self) -> int:
@@ -33,13 +34,13 @@ class LineRunFiles:
 
     def on_message(self, messages: Iterable[RadioMessage]) -> None:
         for each in messages:
-            self._zero_ns = each.stamp_ns if self._zero_ns is None else self._zero_ns
+            self.zero_ns = each.stamp_ns if self.zero_ns is None else self.zero_ns
             self._log.message(each.stamp_ns, SerialDirection.RX, each.key, each.payload)
         # A page may follow the log.
         self._log.flush()
 
     def second_of(self, at_ns: int) -> float:
-        return 0.0 if self._zero_ns is None else (at_ns - self._zero_ns) / NS_PER_S
+        return 0.0 if self.zero_ns is None else (at_ns - self.zero_ns) / NS_PER_S
 
     def tell(self, now_ns: int, words: str) -> None:
         at_s = self.second_of(now_ns)

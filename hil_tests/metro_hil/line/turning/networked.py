@@ -5,6 +5,7 @@ never run ahead of it, and catch up after a delay. So a message is received at t
 it arrived, and the age of an authority is true.
 """
 
+from collections import deque
 from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import closing
 from dataclasses import replace
@@ -59,8 +60,17 @@ INBOX_MESSAGES: Final = 8192
 NS_PER_S: Final = 1_000_000_000
 
 
+def no_orders() -> Sequence[str]:
+    """No orders, for a train that no bench strikes."""
+    return ()
+
+
 class NetworkSession:
-    """The train's session, by the time of the network. Answers of the wayside are kept apart."""
+    """The train's session, by the time of the network. Answers of the wayside are kept apart.
+
+    The messages of the line can be cut, the places and the answers to them cannot, because they
+    belong to the emulated rails. What is sent in a cut arrives at its end, as over TCP.
+    """
 
     def __init__(self, radio: TunableRadioPort, network: str, train: int, clock: Clock) -> None:
         self.counters: LinkCounters = radio.counters
@@ -72,6 +82,9 @@ class NetworkSession:
         self._radio, self._clock = radio, clock
         self._place, self._answer = key_of_place(network, train), key_of_answer(network, train)
         self._waiting: list[RadioMessage] = []
+        self._is_mute = self._is_deaf = False
+        self._held_out: deque[tuple[str, bytes]] = deque(maxlen=INBOX_MESSAGES)
+        self._held_in: deque[RadioMessage] = deque(maxlen=INBOX_MESSAGES)
 
     @property
     def now_ns(self) -> int:
@@ -83,7 +96,22 @@ class NetworkSession:
         self._radio.listen((self._answer, *subscriptions))
 
     def send(self, now_ns: int, key: str, payload: bytes) -> None:
-        self._radio.send(self._clock.now_ns(), key, payload)
+        if self._is_mute:
+            self._held_out.append((key, payload))
+        else:
+            self._radio.send(self._clock.now_ns(), key, payload)
+
+    def cut(self, *, is_mute: bool, is_deaf: bool) -> None:
+        """Hold back what the train sends or receives; pass on what is not cut any more."""
+        self._is_mute, self._is_deaf = is_mute, is_deaf
+        if not is_mute:
+            for key, payload in self._held_out:
+                self._radio.send(self._clock.now_ns(), key, payload)
+            self._held_out.clear()
+        if not is_deaf and self._held_in:
+            now_ns = self.now_ns
+            self._waiting += [each._replace(stamp_ns=now_ns) for each in self._held_in]
+            self._held_in.clear()
 
     def receive(self, now_ns: int) -> Sequence[RadioMessage]:
         """Messages that arrived up to an instant of the network."""
@@ -102,7 +130,8 @@ class NetworkSession:
                     self._set_zero(message.stamp_ns - answer.now_ns)
             elif self.zero_ns is not None:
                 stamp_ns = message.stamp_ns - self.zero_ns
-                self._waiting.append(message._replace(stamp_ns=stamp_ns))
+                waiting = self._held_in if self._is_deaf else self._waiting
+                waiting.append(message._replace(stamp_ns=stamp_ns))
 
     @property
     def enters(self) -> bool:
@@ -238,12 +267,21 @@ class NetworkedTrain:
         self.entered_ns = 0
         """Time of the network at which the train entered."""
         self._commands: tuple[int, ...] = ()
+        self._end_m: float | None = None
+        """End of the last authority that the controller held while it ran."""
 
-    def run(self, interrupted: Callable[[], bool] = never, *, priority: int = 0) -> str:
+    def run(
+        self,
+        interrupted: Callable[[], bool] = never,
+        *,
+        priority: int = 0,
+        orders: Callable[[], Sequence[str]] = no_orders,
+    ) -> str:
         """Make all trips, and return how that ended.
 
         Args:
             priority: SCHED_FIFO priority if the host permits it; 0: none.
+            orders: returns the new orders of the bench, see `obey`.
         """
         if priority:
             enter_realtime(priority)
@@ -259,11 +297,35 @@ class NetworkedTrain:
                 assert zero_ns is not None
                 self._clock.wait_until(zero_ns + now_ns)
                 self.late_s = max(self.late_s, (self._radio.now_ns - now_ns) / NS_PER_S)
+                for order in orders():
+                    self.obey(order)
                 self._advance(now_ns)
                 if priority and (now_ns - self.entered_ns) % GARBAGE_NS == 0:
                     collect_garbage(now_ns)
             self._take_leave()
         return ARRIVED
+
+    def obey(self, order: str) -> None:
+        """Strike the controller or its radio; the train itself goes on.
+
+        Args:
+            order: `kill` ends the controller for good, `stop` stops it until `go-on`. `cut`, `mute`
+                and `deafen` hold back messages both ways, from the train or to it, until `heal`.
+        """
+        if self.train.bench is None:
+            self._told(f"is not on the network, so it ignores: {order}")
+            return
+        self._told(f"obeys: {order}")
+        actions: dict[str, Callable[[], None]] = {
+            "kill": self.train.kill,
+            "stop": self.train.stop,
+            "go-on": self.train.go_on,
+        }
+        if order in actions:
+            actions[order]()
+        else:
+            both = order == "cut"
+            self._radio.cut(is_mute=both or order == "mute", is_deaf=both or order == "deafen")
 
     def _enter(self, interrupted: Callable[[], bool]) -> bool:
         """Wait until the train is due and has room; False after an interrupt."""
@@ -319,7 +381,7 @@ class NetworkedTrain:
     def _present_place(self, now_ns: int) -> TrainPlace:
         train, record = self.train, self.train.trips[-1]
         trip, front_m = self._plan.trips[record.index], train.place_m
-        rear_m, end_m = front_m - trip.scenario.train.length_m, train.authority_end_m
+        rear_m, end_m = front_m - trip.scenario.train.length_m, self._reach_m()
         return TrainPlace(
             presence=TrainPresence.PRESENT,
             trip=record.index,
@@ -332,6 +394,16 @@ class NetworkedTrain:
             wait_s=train.wait_s,
             at_s=now_ns / NS_PER_S,
         )
+
+    def _reach_m(self) -> float | None:
+        """End of the authority by which the train moves. A controller that does not run leaves none
+        to a train that stands."""
+        train = self.train
+        if not train.silent:
+            self._end_m = train.authority_end_m
+        elif not train.moving:
+            return None
+        return self._end_m
 
     def _take_leave(self) -> None:
         """Tell the wayside that the train is gone, until it answers."""

@@ -1,7 +1,9 @@
 """`vobc run --train N --service FILE`: one train of a network in real time, in its own program."""
 
 import json
+import os
 import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -15,7 +17,7 @@ from firmware_py.program import Program
 from firmware_py.settings import SettingsError
 from firmware_py.storage.recorder import loss_text
 from firmware_py.storage.whole_file import write_whole
-from metro_hil.line.turning.networked import NetworkedTrain
+from metro_hil.line.turning.networked import NetworkedTrain, no_orders
 from metro_hil.line.turning.plan import FleetPlan, plan_fleet
 from metro_hil.model.end_condition import ARRIVED
 from metro_hil.model.run_folder import make_run_folder, plain, write_config
@@ -33,9 +35,28 @@ from zenoh_config.t2t import FIRST_ARBITER
 from zenoh_config.timers import TIMER_SETS
 
 CM_PER_M: Final = 100.0
+ORDER_BYTES: Final = 4096
 
 
-def run(options: RunOptions, console: Console) -> int:
+class OrderInput:
+    """Reads the orders of the bench, one a line, from standard input. It never waits."""
+
+    def __init__(self) -> None:
+        os.set_blocking(sys.stdin.fileno(), False)
+        self._text = b""
+
+    def __call__(self) -> list[str]:
+        try:
+            self._text += os.read(sys.stdin.fileno(), ORDER_BYTES)
+        except BlockingIOError:
+            return []
+        *lines, self._text = self._text.split(b"\n")
+        return [line.decode() for line in lines]
+
+
+def run(
+    options: RunOptions, console: Console, orders: Callable[[], Sequence[str]] = no_orders
+) -> int:
     """Run the train and write the results. Raises SettingsError, RadioError, RunFolderError."""
     assert options.train is not None
     assert options.line_radio is not None
@@ -68,7 +89,7 @@ def run(options: RunOptions, console: Console) -> int:
     )
     interrupts = Interrupts()
     with interrupts.caught():
-        reason = train.run(lambda: interrupts.asked, priority=options.priority)
+        reason = train.run(lambda: interrupts.asked, priority=options.priority, orders=orders)
     document = _document(plan, train, reason)
     write_whole(folder.results, json.dumps(document, indent=2) + "\n")
     _show(console, plan, train, reason, folder.path)
@@ -83,10 +104,13 @@ def run(options: RunOptions, console: Console) -> int:
 
 
 def main() -> int:
-    """Run a train as a child of the bench: the words of `vobc run`, and `--parent PID`."""
+    """Run a train as a child of the bench: the words of `vobc run`, and `--parent PID`.
+
+    It takes orders from standard input.
+    """
     *words, _, parent = sys.argv[1:]
     die_with_parent(int(parent))
-    return run(parse(words), console_for())
+    return run(parse(words), console_for(), OrderInput())
 
 
 def _document(plan: FleetPlan, train: NetworkedTrain, reason: str) -> dict[str, object]:

@@ -2,8 +2,8 @@
 
 import argparse
 import json
+import signal
 from contextlib import ExitStack
-from math import isfinite
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,14 +14,17 @@ from firmware_py.radio.zenoh_radio import SessionRole, open_radio, pick_endpoint
 from firmware_py.settings import SettingsError
 from firmware_py.storage.whole_file import write_whole
 from firmware_py.trackdb.circuit import split_route
-from metro_hil.line.exercise.plan import Strike
+from metro_hil.line.exercise.plan import CUTS, Fault, Strike, faults_of
 from metro_hil.line.exercise.processes import BEFORE
+from metro_hil.line.exercise.record import LineRunFiles, told
+from metro_hil.line.exercise.schedule import FaultSchedule
 from metro_hil.line.network.options import networks_of
 from metro_hil.line.network.topology import Topology
+from metro_hil.line.turning.network_events import NetworkEvents
+from metro_hil.line.turning.network_verdict import document_of, failed, show
 from metro_hil.line.turning.plan import FleetPlan, plan_fleet
-from metro_hil.line.turning.witness import NetworkWitness
 from metro_hil.model.end_condition import ARRIVED, DURATION, INTERRUPTED
-from metro_hil.model.run_folder import make_run_folder, plain, write_config
+from metro_hil.model.run_folder import make_run_folder, write_config
 from metro_hil.model.run_options import (
     EXIT_ENVIRONMENT,
     EXIT_FAILED,
@@ -32,25 +35,51 @@ from metro_hil.model.run_options import (
 from metro_hil.model.service import line_of_service
 from metro_hil.model.subprocesses import Child, ChildError
 from plant_emulator.wayside.network_places import places
+from plant_emulator.wayside.route_objects import divided, shared_tracks
+from zenoh_config import t2t_keys
 
 PRIORITY_MAX: Final = 99
 INBOX_MESSAGES: Final = 1 << 16
 POLL_NS: Final = 20_000_000
 NS_PER_S: Final = 1_000_000_000
 OTHERS: Final = ("line", "watch", "commands", "secure")
-"""Options of a line in one direction that a service does not have; so are all faults."""
+"""Options of a line in one direction that a service does not have."""
+ORDERS: Final = {
+    Strike.KILL_MASTER: ("kill", "the controller of train {} is killed", "", ""),
+    Strike.STOP_MASTER: (
+        "stop",
+        "the controller of train {} is stopped",
+        "go-on",
+        "the controller of train {} goes on",
+    ),
+    **{
+        strike: (order, f"the radio of train {{}} {text}", "heal", "the radio of train {} works")
+        for strike, (order, text) in CUTS.items()
+    },
+}
+"""By fault: the order to the program of the train and its text, and those that end the fault. A
+controller that was killed stays dead."""
 
 
 class NetworkRun:
     """The wayside and the trains of a service as processes."""
 
     def __init__(self, options: argparse.Namespace, plan: FleetPlan, folder: Path) -> None:
-        self.witness = NetworkWitness({each.trip.path for each in plan.trips})
+        paths = {each.trip.path.line.name: each.trip.path for each in plan.trips}
+        shared = shared_tracks(paths.values())
+        areas = {name: divided(plan.network, path, shared) for name, path in paths.items()}
+        self._record = LineRunFiles(folder, _print)
+        self.events = NetworkEvents(plan.network.name, paths.values(), areas, self._record.tell)
+        self.schedule = FaultSchedule(faults_of(options), options.down_s)
+        self.crashed_s: float | None = None
+        """When the wayside was killed first, in the time of the network."""
         self.dropped = 0
         """Number of messages that the observer lost."""
         self._options, self._plan, self._folder = options, plan, folder
         self._clock = WallClock()
         self._trains: dict[int, Child] = {}
+        self._wayside: Child | None = None
+        """None while it is killed."""
 
     def run(self) -> str:
         """Run until all trains are gone, or the time is over. Raises ChildError, RadioError."""
@@ -58,10 +87,12 @@ class NetworkRun:
         endpoint = options.line_radio or pick_endpoint()
         with ExitStack() as stack:
             stack.enter_context(interrupts.caught())
-            wayside = self._start_wayside(endpoint)
-            stack.callback(wayside.end)
+            stack.callback(self._record.close)
+            self._start_wayside(endpoint, stack)
+            topics = [key for name in self.events.lines for key in t2t_keys.of_line(name)]
             port = open_radio(
-                *(SessionRole.TRAIN, endpoint, (places(self._plan.network.name),), self._clock),
+                *(SessionRole.TRAIN, endpoint, (places(self._plan.network.name), *topics)),
+                self._clock,
                 inbox_messages=INBOX_MESSAGES,
             )
             stack.callback(port.close)
@@ -71,10 +102,20 @@ class NetworkRun:
             end_ns = self._clock.now_ns() + round(options.duration_s * NS_PER_S)
             while not interrupts.asked:
                 self._clock.wait_until(self._clock.now_ns() + POLL_NS)
-                for message in port.receive(self._clock.now_ns()):
-                    self.witness.on_message(message)
+                now_ns = self._clock.now_ns()
+                messages = port.receive(now_ns)
+                self.events.on_message(messages)
+                self._record.on_message(messages)
                 self.dropped = port.counters.dropped_in
-                self._check(wayside)
+                self._check()
+                if self.events.zero_ns is not None:
+                    # The event log is in the time of the network from its first train on.
+                    self._record.zero_ns = self.events.zero_ns
+                    self.schedule.step(
+                        now_ns,
+                        self.events.zero_ns,
+                        lambda fault: self._apply(fault, endpoint, stack),
+                    )
                 if all(child.ended for child in self._trains.values()):
                     return ARRIVED
                 if self._clock.now_ns() >= end_ns:
@@ -90,15 +131,51 @@ class NetworkRun:
                 found.append(json.loads(path.read_text(encoding="utf-8")))
         return found
 
-    def _check(self, wayside: Child) -> None:
+    def _apply(self, fault: Fault, endpoint: str, stack: ExitStack) -> bool:
+        """Begin a fault; return False if no train can be struck yet."""
+        now_ns, strike = self._clock.now_ns(), fault.strike
+        if strike is Strike.CRASH_WAYSIDE:
+            if self._wayside is None:
+                return False
+            self._record.tell(now_ns, "the wayside with its arbiters is killed")
+            self._wayside.signal_group(signal.SIGKILL)
+            self._wayside = None
+            if self.crashed_s is None:
+                self.crashed_s = self.events.second_of(now_ns)
+
+            def restart() -> None:
+                text = "the wayside with its arbiters is started again"
+                self._record.tell(self._clock.now_ns(), text)
+                self._start_wayside(endpoint, stack)
+
+            self.schedule.ends(now_ns, restart)
+            return True
+        struck = self.events.strike(strike.value.removesuffix("-at"), now_ns)
+        if struck is None:
+            return False
+        child = self._trains[struck.train]
+        order, text, back, back_text = ORDERS[strike]
+        self._record.tell(now_ns, text.format(struck.train))
+        child.order(order)
+
+        def end() -> None:
+            self._record.tell(self._clock.now_ns(), back_text.format(struck.train))
+            child.order(back)
+
+        if back:
+            self.schedule.ends(now_ns, end)
+        return True
+
+    def _check(self) -> None:
         """End the run if a program ends by itself, other than a train after its last trip."""
-        failed = {number for number, child in self._trains.items() if child.ended}
-        failed -= self.witness.gone
-        ended = [self._trains[number] for number in sorted(failed)]
-        for child in [*ended, *([wayside] if wayside.ended else [])]:
+        numbers = {number for number, child in self._trains.items() if child.ended}
+        programs = [self._trains[number] for number in sorted(numbers - self.events.witness.gone)]
+        if self._wayside is not None and self._wayside.ended:
+            programs.append(self._wayside)
+        for child in programs:
             raise ChildError(f"{child.name} ended {child.end_words()}:\n{child.last_words()}")
 
-    def _start_wayside(self, endpoint: str) -> Child:
+    def _start_wayside(self, endpoint: str, stack: ExitStack) -> None:
         assert self._options.service is not None
         routes = dict.fromkeys(str(split_route(each.trip.line)[1]) for each in self._plan.trips)
         words = ["wayside", "--line", line_of_service(self._options.service)]
@@ -106,7 +183,9 @@ class NetworkRun:
         words += ["--memory", str(self._folder / "wayside")]
         if self._options.priority:
             words += ["--priority", str(min(PRIORITY_MAX, self._options.priority + BEFORE))]
-        return Child("wayside", "plant_emulator", words, self._folder / "wayside.log")
+        log = self._folder / "wayside.log"
+        self._wayside = Child("wayside", "plant_emulator", words, log)
+        stack.callback(self._wayside.end)
 
     def _start_train(self, number: int, endpoint: str) -> Child:
         words = ["run", "--train", str(number), "--service", self._options.service]
@@ -114,7 +193,8 @@ class NetworkRun:
         words += ["--priority", str(self._options.priority)]
         words += ["--seed", str(self._options.seed), "--out", str(self._folder / f"train{number}")]
         log = self._folder / f"train{number}.log"
-        return Child(f"train {number}", "metro_hil.line.turning.networked_command", words, log)
+        module = "metro_hil.line.turning.networked_command"
+        return Child(f"train {number}", module, words, log, takes_orders=True)
 
     def _of_line(self, endpoint: str) -> list[str]:
         options = self._options
@@ -132,7 +212,19 @@ def run(options: argparse.Namespace) -> int:
     mark_latest(folder.path)
     line = NetworkRun(options, plan, folder.path)
     reason = line.run()
-    document = _document(plan, line, reason)
+    document = document_of(
+        *(line.events, line.results()),
+        network=plan.network.name,
+        trains=plan.trains,
+        exit_reason=reason,
+        dropped=line.dropped,
+        crashed_s=line.crashed_s,
+        missed=[
+            f"{each.strike.value.removesuffix('-at')}: the run ended before, or no train commanded "
+            "an area with another train in it"
+            for each in line.schedule.waiting
+        ],
+    )
     write_whole(folder.results, json.dumps(document, indent=2) + "\n")
     show(document)
     print(f"run folder: {folder.path}")
@@ -140,12 +232,15 @@ def run(options: argparse.Namespace) -> int:
         return EXIT_INTERRUPTED
     if document["doubts"]:
         return EXIT_ENVIRONMENT
-    return EXIT_FAILED if document["violations"] or document["protection_brakes"] else EXIT_OK
+    return EXIT_FAILED if failed(document) else EXIT_OK
+
+
+def _print(at_s: float, text: str) -> None:
+    print(told(at_s, text), flush=True)
 
 
 def _plan(options: argparse.Namespace) -> FleetPlan:
     given = [name for name in OTHERS if getattr(options, name, None)]
-    given += [each.value for each in Strike if getattr(options, each.value.replace("-", "_"))]
     given += ["networks"] if networks_of(options, needed=False) is not None else []
     given += ["topology"] if Topology(options.topology) is not Topology.STAR else []
     if options.bench != "processes":
@@ -153,69 +248,12 @@ def _plan(options: argparse.Namespace) -> FleetPlan:
             "--service: in virtual time `vobc run --lockstep --service FILE --masters` runs it"
         )
     if given:
-        raise SettingsError(f"--{given[0]}: not with --service, which runs without faults")
+        raise SettingsError(f"--{given[0]}: not with --service")
+    if options.restart_train_at:
+        raise SettingsError(
+            "--restart-train-at: not with --service, where a controller that ended does not enter "
+            "the network again; --kill-master-at kills one, and its train stays as an obstacle"
+        )
     words = ["run", "--service", options.service, "--train", "1"]
     words += [] if options.trains is None else ["--trains", str(options.trains)]
     return plan_fleet(parse(words))
-
-
-def _document(plan: FleetPlan, line: NetworkRun, reason: str) -> dict[str, Any]:
-    witness, found = line.witness, line.results()
-    doubts = [
-        text
-        for is_so, text in (
-            (line.dropped > 0, f"the observer lost {line.dropped} messages"),
-            (
-                len(found) < plan.trains,
-                f"trains without results: {plan.trains - len(found)} of {plan.trains}",
-            ),
-            (
-                plan.trains > 1 and witness.checked_count == 0,
-                "no two trains were on the network together",
-            ),
-            (
-                witness.skewed_count > witness.checked_count,
-                f"{witness.skewed_count} pairs of places were of different instants",
-            ),
-        )
-        if is_so
-    ]
-    gap_m = witness.least_gap_m
-    return {
-        "network": plan.network.name,
-        "trains": plan.trains,
-        "exit_reason": reason,
-        "checked_count": witness.checked_count,
-        "skewed_count": witness.skewed_count,
-        "least_gap_m": gap_m if isfinite(gap_m) else None,
-        "violations": [plain(each) for each in witness.violations],
-        "protection_brakes": [brake for each in found for brake in each["protection_brakes"]],
-        "late_s": max((each["late_s"] for each in found), default=None),
-        "trips": [trip for each in found for trip in each["trips"]],
-        "doubts": doubts,
-    }
-
-
-def show(document: dict[str, Any]) -> None:
-    """Print the verdict and what it rests on."""
-    trips = document["trips"]
-    # What never happened is left out of the results.
-    done = [trip for trip in trips if "ended_s" in trip]
-    errors_m = [
-        abs(stop["error_m"]) for trip in done for stop in trip["stops"] if "error_m" in stop
-    ]
-    worst = f", worst stop error {100.0 * max(errors_m):.1f} cm" if errors_m else ""
-    turns, gap_m = sum(trip["turned"] for trip in trips), document["least_gap_m"]
-    gap = "" if gap_m is None else f", least gap {gap_m:.0f} m"
-    print(f"{document['exit_reason']}: {len(done)} trips, {turns} changes of ends{worst}{gap}")
-    print(
-        f"{document['checked_count']} checks of two trains, {len(document['violations'])} "
-        f"violations, {len(document['protection_brakes'])} brakes by protection"
-    )
-    for each in document["violations"]:
-        print(f"at {each['at_s']:.2f} s, {' and '.join(each['trains'])}: {each['kind']}")
-    for brake in document["protection_brakes"]:
-        text = f"at {brake['at_s']:.2f} s, train {brake['train']}: {brake['kind']} brake"
-        print(f"{text}, {brake['cause']}".replace("_", " "))
-    for text in document["doubts"]:
-        print(f"invalid: {text}")

@@ -102,6 +102,8 @@ class TurningTrain:
         self.brakes: list[ProtectionBrake] = []
         self.gone = False
         """Whether the train has made all trips."""
+        self.silent = False
+        """Whether the controller does not run, because it was killed or is stopped."""
         self.lost_log_lines = 0
         self.bench: Lockstep | None = None
         self.power: HighVoltageBox | None = None
@@ -195,21 +197,33 @@ class TurningTrain:
             bench, end_ns = self.bench, until_ns - self._began_ns
 
             def over(now_ns: int, bench: Lockstep = bench, end_ns: int = end_ns) -> bool:
-                return now_ns >= end_ns or (bench.arrived and now_ns % STEP_NS == 0)
+                arrived = bench.arrived and not self.silent
+                return now_ns >= end_ns or (arrived and now_ns % STEP_NS == 0)
 
             if self._command is not None:
                 self._be_commanded(bench, self._command)
             bench.run_until(over)
             self._look(bench)
-            if not bench.arrived or bench.clock.now_ns() >= end_ns:
+            if not bench.arrived or self.silent or bench.clock.now_ns() >= end_ns:
                 return
             self._next(bench)
 
     def kill(self) -> None:
         """Kill the controller. The train's units brake, and its plant goes on."""
+        self.stop()
+        self._fall_silent()
+
+    def stop(self) -> None:
+        """Stop the controller until `go_on`. The train's units brake, and its plant goes on."""
         assert self.bench is not None
         self.bench.without_controller()
-        self._fall_silent()
+        self.silent = True
+
+    def go_on(self) -> None:
+        """Let a stopped controller go on."""
+        assert self.bench is not None
+        self.bench.with_controller()
+        self.silent = False
 
     def _fall_silent(self) -> None:
         """Take part in no line any more, because the controller is dead."""

@@ -28,11 +28,13 @@ class NetworkWitness(PairChecks):
         """Trains that have made their last trip."""
         self._paths: Mapping[str, Path] = {path.line.name: path for path in paths}
 
-    def on_message(self, message: RadioMessage) -> None:
-        """Take a place, and check its train against all others."""
+    def on_message(self, message: RadioMessage) -> tuple[int, TrainPlace] | None:
+        """Take a place, and check its train against all others. Return both, or None for what is
+        no place.
+        """
         train, place = train_of(message.key), read_place(message)
         if train is None or place is None or place.path not in self._paths:
-            return
+            return None
         if place.presence is TrainPresence.PRESENT:
             self.places[train] = place
             for other in [each for each in self.places if each != train]:
@@ -40,6 +42,7 @@ class NetworkWitness(PairChecks):
         elif place.presence is TrainPresence.GONE:
             self.places.pop(train, None)
             self.gone.add(train)
+        return train, place
 
     def _compare(self, train: int, other: int) -> None:
         at_s = self.places[train].at_s

@@ -10,7 +10,7 @@ from firmware_py.trackdb.circuit import load_path
 from hil_tests.unit.metro_hil.line.test_turning_masters import SHORT, SHORT_TRACKS, written
 from metro_hil.cli.hil import main
 from metro_hil.line.turning.invariants import INTO_AUTHORITY, INTO_TRAIN, OVERLAP, PairViolation
-from metro_hil.line.turning.real_line import show
+from metro_hil.line.turning.network_verdict import show
 from metro_hil.line.turning.train import ProtectionBrake, TripRecord
 from metro_hil.line.turning.witness import NetworkWitness
 from metro_hil.metrics.stops import StationStop
@@ -101,7 +101,9 @@ def test_the_verdict_counts_only_what_happened(capsys: pytest.CaptureFixture[str
             "least_gap_m": None,
             "checked_count": 7,
             "violations": [plain(violation)],
-            "protection_brakes": [plain(brake)],
+            "protection_brakes": [{**plain(brake), "is_explained": False}],
+            "strikes": [],
+            "takeovers": [],
             "trips": [plain(record), plain(under_way)],
             "doubts": ["the observer lost 3 messages"],
         }
@@ -119,7 +121,8 @@ def test_the_verdict_counts_only_what_happened(capsys: pytest.CaptureFixture[str
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["--kill-master-at", "3"], "--kill-master-at: not with --service"),
+        (["--restart-train-at", "T1@3"], "--restart-train-at: not with --service"),
+        (["--kill-master-at", "95"], "--kill-master-at 95: the run ends before, by --for 90"),
         (["--line", "loop"], "--line: not with --service"),
         (["--watch"], "--watch: not with --service"),
         (["--loss", "0.1"], "--networks: not with --service"),
