@@ -1,7 +1,7 @@
 """Settings of zenoh sessions with mutual TLS and access control, generated for one line. Pure."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from importlib import resources
 from typing import Final
 
@@ -22,6 +22,12 @@ CLIENT_NAMES: Final = (
 )
 """Names of the programs that connect to the wayside and are no trains."""
 _FOLDER: Final = '"secure/'
+_LINE: Final = "loop"
+"""Line of secure.json5."""
+_OF_NETWORK: Final = re.compile(
+    r" *// begin of a network\n(?P<keys>.*?) *// end of a network\n", re.DOTALL
+)
+_EXPRESSION: Final = re.compile(rf'"m/{_LINE}/(?P<rest>[^"]*)"')
 _EACH_TRAIN, _EACH_ARBITER = (
     re.compile(rf" *// begin of each {kind}\n(?P<one>.*?) *// end of each {kind}\n", re.DOTALL)
     for kind in ("train", "arbiter")
@@ -32,15 +38,28 @@ def train_name(train: int) -> str:
     return f"T{train}"
 
 
-def wayside_settings(folder: str, line: str, trains: Iterable[int]) -> str:
-    """Return secure.json5 for certificates in `folder`, for the given trains of a line."""
+def wayside_settings(
+    folder: str, line: str, trains: Iterable[int], *, paths: Sequence[str] = ()
+) -> str:
+    """Return secure.json5 for certificates in `folder`, for the given trains of a line.
+
+    Args:
+        paths: names of the paths of a network, each of which is a line of masters; `line` is then
+            the name of the network. Empty: the line is no network.
+    """
     text = _shipped("secure")
     assert text.count(ENDPOINT) == 1
     assert len(_EACH_TRAIN.findall(text)) == len(_EACH_ARBITER.findall(text)) == 3
     numbers = sorted(trains)
     text = _EACH_TRAIN.sub(lambda found: _for_each(found["one"], numbers), text)
     text = _EACH_ARBITER.sub(lambda found: _for_each_arbiter(found["one"]), text)
-    return text.replace(_FOLDER, f'"{folder}/').replace('"m/loop/', f'"m/{line_chunk(line)}/')
+    text = _OF_NETWORK.sub(lambda found: found["keys"] if paths else "", text)
+    chunks = [line_chunk(name) for name in (line, *paths)]
+
+    def of_each(found: re.Match[str]) -> str:
+        return ", ".join(f'"m/{chunk}/{found["rest"]}"' for chunk in chunks)
+
+    return _EXPRESSION.sub(of_each, text.replace(_FOLDER, f'"{folder}/'))
 
 
 def client_settings(folder: str, name: str) -> str:
@@ -75,7 +94,9 @@ def _for_each(one: str, trains: Iterable[int]) -> str:
     said = []
     for train in trains:
         text = one.replace("T1", train_name(train)).replace("/w/1/", f"/w/{train}/")
-        said.append(text.replace('/x/1"', f'/x/{train}"').replace('/*/1"', f'/*/{train}"'))
+        for kind in ("x", "p", "e", "*"):
+            text = text.replace(f'/{kind}/1"', f'/{kind}/{train}"')
+        said.append(text)
     return "".join(said)
 
 

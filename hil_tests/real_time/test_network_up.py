@@ -1,4 +1,4 @@
-"""Two trains of a service as processes on a network: one changes ends, the other waits for room."""
+"""Trains of a service as processes on a network: on a secured line, and under a killed wayside."""
 
 import json
 from pathlib import Path
@@ -8,7 +8,9 @@ import pytest
 
 from firmware_py.clock.clock import WallClock
 from firmware_py.radio.zenoh_radio import pick_endpoint
+from metro_hil.cli.hil import main as hil
 from metro_hil.cli.vobc import main
+from metro_hil.model.run_options import EXIT_ENVIRONMENT
 
 NETWORK: Final = """
 name = "hop"
@@ -75,14 +77,21 @@ def wait_for(logs: list[Path], text: str) -> Path:
     raise TimeoutError("; ".join(log.read_text() for log in logs))
 
 
-def test_a_train_changes_ends_and_commands_on_its_way_back_while_another_waits(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+@pytest.fixture(autouse=True)
+def service(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "hop.toml").write_text(NETWORK)
     (tmp_path / "service.toml").write_text(SERVICE)
+
+
+def test_a_train_changes_ends_and_commands_on_its_way_back_while_another_waits(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """All programs have certificates."""
+    assert main(["demo-ca", "secure", "--service", "service.toml", "--trains", "2"]) == 0
     run = tmp_path / "line"
     up = ["line", "up", "--service", "service.toml", "--line-radio", pick_endpoint()]
+    up += ["--secure", "secure"]
 
     # The set C of timers suits a machine that runs other tests.
     assert main([*up, "--line-timers", "C", "--priority", "0", "--out", str(run)]) == 0
@@ -101,3 +110,22 @@ def test_a_train_changes_ends_and_commands_on_its_way_back_while_another_waits(
     assert [trip["turned"] for trip in results["trips"]] == [False, True]
     assert results["trips"][0]["ended_s"] is not None
     assert results["protection_brakes"] == []
+
+
+def test_a_killed_wayside_is_started_again_and_no_train_that_commands_no_other_is_struck(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = tmp_path / "line"
+    words = ["--service", "service.toml", "--trains", "1", "--for", "8", "--down-for", "0.5"]
+    words += ["--crash-arbiter-at", "1", "--kill-master-at", "2", "--line-timers", "C"]
+
+    assert hil(["run", "line", *words, "--priority", "0", "--out", str(run)]) == EXIT_ENVIRONMENT
+
+    told = capsys.readouterr().out
+    assert told.index("arbiters is killed") < told.index("arbiters is started again")
+    assert (run / "story.txt").read_text().splitlines()[0] in told
+    assert "hop-out, area 1: train 1 commands, term 1" in told
+    assert "invalid: kill-master: the run ended before, or no train commanded an area" in told
+    results = json.loads((run / "results.json").read_text())
+    assert (results["violations"], results["strikes"]) == ([], [])
+    assert results["trips"]

@@ -283,6 +283,19 @@ def test_zenoh_accepts_the_shipped_settings_and_those_for_many_trains() -> None:
         assert f'"m/loop/x/{trains}"' in rules
 
 
+def test_the_settings_of_a_network_allow_each_of_its_paths_and_those_of_a_line_no_places() -> None:
+    text = wayside_settings("secure", "hop", [1, 2], paths=["hop-out", "hop-back"])
+    rules = zenoh.Config.from_json5(text).get_json("access_control/rules")
+
+    for name in ("hop", "hop-out", "hop-back"):
+        assert f'"m/{name}/w/2/**"' in rules
+    for key in ("p/2", "e/2", "p/*", "e/*", "w/65100/rm/*/*", "w/*/rn/*/65100"):
+        assert f'"m/hop/{key}"' in rules
+    of_line = zenoh.Config.from_json5(wayside_settings("secure", "hop", [1, 2]))
+    rules = of_line.get_json("access_control/rules")
+    assert not [part for part in ("/p/", "/e/", "/rm/", "/rn/") if part in rules]
+
+
 @pytest.mark.parametrize(
     ("spoil", "complaint"),
     [

@@ -18,12 +18,12 @@ from firmware_py.settings import SettingsError
 from firmware_py.trackdb import load_line
 from firmware_py.trackdb.areas import AreaMap, load_areas
 from plant_emulator.cli.network_wayside import NetworkPlan, NetworkPrograms, plan_network
-from plant_emulator.cli.wayside_parts import ALL, ARBITER, ROUTER, TRACK, LineParts
+from plant_emulator.cli.wayside_parts import ALL, ARBITER, ROUTER, TRACK, LineParts, credentials_of
 from plant_emulator.cli.words import say
 from plant_emulator.wayside.detection import Detection, Place, key_of, packed, subscription
 from plant_emulator.wayside.line_wayside import WaysideTruth
 from plant_emulator.world import World
-from zenoh_config.secured import WAYSIDE_NAME, train_name
+from zenoh_config.secured import train_name
 from zenoh_config.sessions import check_secured
 
 BEAT_MS: Final = 5.0
@@ -79,11 +79,8 @@ class _Line:
         self, options: argparse.Namespace, areas: AreaMap, clock: WallClock, stack: ExitStack
     ) -> None:
         folder = None if options.memory is None else Path(options.memory)
-        part, secure = options.part, None
+        part, secure = options.part, credentials_of(options, clock)
         listens = part in (ALL, ROUTER)
-        if options.secure is not None:
-            name = WAYSIDE_NAME if listens else part
-            secure = load_credentials(options.secure, name, clock.epoch_ns(), listens=listens)
         line = load_line(options.line)
         self._parts = LineParts(options, areas, line, folder, clock, secure)
         self._wayside = self._parts.wayside

@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from firmware_py.clock.clock import WallClock
+from firmware_py.radio.line_keys import line_keys
 from firmware_py.radio.zenoh_radio import SessionRole, open_radio
-from firmware_py.settings import SettingsError
 from firmware_py.storage.checked_store import CheckedStore
 from firmware_py.trackdb.circuit import load_network, load_path, with_route
 from firmware_py.trackdb.network import TrackNetwork
 from firmware_py.trackdb.paths import Path as TrackPath
 from firmware_py.trackdb.version import database_version
-from plant_emulator.cli.wayside_parts import ALL, ROUTER, TRACK, LineParts, readable
+from plant_emulator.cli.wayside_parts import ALL, ROUTER, TRACK, LineParts, credentials_of, readable
 from plant_emulator.cli.words import say
 from plant_emulator.wayside.departed_trains import DepartedTrains
 from plant_emulator.wayside.interlocking import Lie
@@ -35,8 +35,6 @@ class NetworkPlan(NamedTuple):
 
 def plan_network(options: argparse.Namespace) -> NetworkPlan:
     """Load the network and its routes. Raises SettingsError."""
-    if options.secure is not None:
-        raise SettingsError("--secure: not with --routes; trains on a network have no certificates")
     network = load_network(options.line)
     paths = tuple(load_path(with_route(options.line, route)) for route in options.routes)
     return NetworkPlan(network, paths)
@@ -54,11 +52,12 @@ class NetworkPrograms:
         self._parts: dict[str, LineParts] = {}
         """Parts of the wayside by path."""
         ways: list[PathWayside] = []
-        shared = shared_tracks(plan.paths)
+        shared, secure = shared_tracks(plan.paths), credentials_of(options, clock)
+        key = line_keys(secure)
         for path in plan.paths:
             name, areas = path.line.name, divided(plan.network, path, shared)
-            parts = LineParts(options, areas, path.line, folder and folder / name, clock, None)
-            departed = DepartedTrains(name, database=database_version(path.line))
+            parts = LineParts(options, areas, path.line, folder and folder / name, clock, secure)
+            departed = DepartedTrains(name, key=key, database=database_version(path.line))
             self._parts[name] = parts
             ways.append(PathWayside(path, areas, parts.wayside, departed))
         self._switches = CheckedStore(folder and folder / "switches", dict[str, Lie])
@@ -76,6 +75,7 @@ class NetworkPrograms:
             SessionRole.WAYSIDE if options.part in (ALL, ROUTER) else SessionRole.TRAIN,
             *(options.line_radio, topics, clock),
             inbox_messages=INBOX_MESSAGES,
+            secure=secure,
         )
         stack.callback(self._port.close)
 

@@ -6,7 +6,11 @@ from pathlib import Path
 from typing import Final, TypeVar
 
 from firmware_py.clock.clock import WallClock
-from firmware_py.radio.credentials import Credentials, load_arbiter_signing_keys
+from firmware_py.radio.credentials import (
+    Credentials,
+    load_arbiter_signing_keys,
+    load_credentials,
+)
 from firmware_py.radio.line_keys import line_keys
 from firmware_py.settings import SettingsError
 from firmware_py.storage.checked_store import CheckedStore
@@ -18,6 +22,7 @@ from plant_emulator.cli.words import say
 from plant_emulator.wayside.line_centre import LineCentre
 from plant_emulator.wayside.line_wayside import Disks, LineWayside
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, CentreMemory, ObjectMemory
+from zenoh_config.secured import WAYSIDE_NAME
 from zenoh_config.t2t import FIRST_ARBITER
 from zenoh_config.term_grants import GrantSigner
 from zenoh_config.timers import TIMER_SETS
@@ -34,6 +39,15 @@ REFUSED_EVERY: Final = 10
 """Minimum number of checks between two reports of the same refusal reason."""
 NS_PER_S: Final = 1_000_000_000
 M = TypeVar("M")
+
+
+def credentials_of(options: argparse.Namespace, clock: WallClock) -> Credentials | None:
+    """Credentials of the program on a secured line; None on another. Raises SettingsError."""
+    if options.secure is None:
+        return None
+    listens = options.part in (ALL, ROUTER)
+    name = WAYSIDE_NAME if listens else options.part
+    return load_credentials(options.secure, name, clock.epoch_ns(), listens=listens)
 
 
 class LineParts:

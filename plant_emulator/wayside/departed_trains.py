@@ -11,7 +11,7 @@ from typing import Final
 
 from firmware_py.ports import RadioMessage
 from zenoh_config import t2t_keys
-from zenoh_config.codec import pack, unpack
+from zenoh_config.codec import BENCH_KEY, SafetyKey, pack, unpack
 from zenoh_config.t2t import SUPERVISION, Heartbeat
 from zenoh_config.t2t_supervision import Removal, RemovalAnswer, RemovalState
 
@@ -22,11 +22,11 @@ PERIOD_NS: Final = 200_000_000
 class DepartedTrains:
     """The trains that have left one path and are not known to be off its rosters yet."""
 
-    def __init__(self, line_name: str, *, database: int | None) -> None:
+    def __init__(self, line_name: str, *, database: int | None, key: SafetyKey = BENCH_KEY) -> None:
         self.subscriptions = t2t_keys.of_departures(line_name)
         self.left: set[tuple[int, int]] = set()
         """Number and area of each."""
-        self._line_name, self._database = line_name, database
+        self._line_name, self._database, self._key = line_name, database, key
         self._beats: dict[int, Heartbeat] = {}
         """The newest heartbeat of the highest term by area."""
         self._due_ns = 0
@@ -63,7 +63,7 @@ class DepartedTrains:
         ]
 
     def _on_message(self, message: RadioMessage) -> None:
-        opened = unpack(message.payload, database=self._database)
+        opened = unpack(message.payload, self._key, database=self._database)
         if isinstance(opened, Heartbeat):
             before = self._beats.get(opened.area)
             if before is None or (before.term, before.stamp_ns) <= (opened.term, opened.stamp_ns):
@@ -75,4 +75,5 @@ class DepartedTrains:
         self._sequence += 1
         head = (SUPERVISION, beat.source, beat.area, beat.term, 1, self._sequence, now_ns)
         removal = Removal(*head, beat.stamp_ns, train)
-        return t2t_keys.key_of(self._line_name, removal), pack(removal, database=self._database)
+        payload = pack(removal, self._key, database=self._database)
+        return t2t_keys.key_of(self._line_name, removal), payload

@@ -10,6 +10,7 @@ from plant_emulator.wayside.interlocking import MOVE_S, Interlocking
 from plant_emulator.wayside.platform_doors import PlatformDoors
 from plant_emulator.wayside.zone_controller import ZoneController
 from zenoh_config import keys
+from zenoh_config.codec import SafetyKey
 
 ROUTE_AHEAD_NS: Final = round((MOVE_S + 1.0) * 1e9)
 """Time before a departure at which its route is requested, so that the switch has moved then."""
@@ -41,6 +42,7 @@ class Railway:
         self.zone = ZoneController(line, destination)
         self.centre = Centre(line, self.doors)
         self.interlocking = interlocking
+        self._line = line
         self._by_master: _Given | None = None
         """The newest authority of a master; None without masters, or before the first."""
         if interlocking is not None:
@@ -77,6 +79,10 @@ class Railway:
         farthest_m = end_m if self._by_master is None else max(end_m, self._by_master.farthest_m)
         self._by_master = _Given(end_m, rear_m, farthest_m)
         self._answers_sent += 1
+
+    def use_key(self, key: SafetyKey) -> None:
+        """Use the key of safety codes of a secured line, with which the train sends its status."""
+        self.centre = Centre(self._line, self.doors, key=key)
 
     def keep_until(self, departs_ns: int) -> None:
         """Keep the train at its start until then."""

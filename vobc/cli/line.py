@@ -164,7 +164,7 @@ def open_line(
         T2tConfig(
             timers=TIMER_SETS[options.line_timers],
             arbiters=arbiters,
-            grants=None if secure is None else _grant_check(options),
+            grants=None if secure is None else grant_check(options.secure, options.arbiters),
         ),
         areas,
         address=config.address,
@@ -188,9 +188,11 @@ def open_line(
     )
 
 
-def _grant_check(options: argparse.Namespace) -> GrantCheck:
-    """Checks the grants of arbiters on a secured line. Raises SettingsError."""
-    keys = load_arbiter_keys(options.secure, options.arbiters)
+def grant_check(folder: Path | str, arbiters: int) -> GrantCheck:
+    """Checks the grants of the arbiters of a secured line, by the keys in a folder. Raises
+    SettingsError.
+    """
+    keys = load_arbiter_keys(folder, arbiters)
     return GrantCheck({FIRST_ARBITER + number - 1: key for number, key in keys.items()})
 
 

@@ -521,7 +521,6 @@ def networked_problem(options: RunOptions) -> str:
         "--watch": options.watch,
         "--duration": options.duration_s is not None,
         "--line-peer": options.line_peer is not None,
-        "--secure": options.secure is not None,
         "--memory": options.memory is not None,
         "--supply": options.supply is not None,
         "--kill-master-at": options.kill_master_at_s is not None,

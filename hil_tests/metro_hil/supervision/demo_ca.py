@@ -21,7 +21,9 @@ from firmware_py.command_line import CommandParser
 from firmware_py.settings import SettingsError
 from firmware_py.storage.whole_file import whole_file, write_whole
 from firmware_py.trackdb.areas import load_areas
+from firmware_py.trackdb.circuit import load_network
 from metro_hil.model.run_options import EXIT_ENVIRONMENT, EXIT_OK, EXIT_USAGE
+from metro_hil.model.service import line_of_service, load_service
 from zenoh_config.codec import KEY_NUMBERS, parsed_keys
 from zenoh_config.keys import line_chunk
 from zenoh_config.secured import (
@@ -33,6 +35,7 @@ from zenoh_config.secured import (
 )
 from zenoh_config.t2t import ARBITERS_MAX, ROSTER_MAX
 
+LINE: Final = "loop"
 AUTHORITY: Final = "demonstration authority"
 EARLIER_S: Final = 300
 """Certificates are valid from this long ago, because other machines' clocks may be slow."""
@@ -59,13 +62,13 @@ class KeyStep(enum.StrEnum):
 def main(words: Sequence[str]) -> int:
     """Run the command; exit code 2 for invalid options, 3 for a folder that cannot be written."""
     options = parser().parse_args(words)
-    line, hosts = load_areas(options.line).name, (*HOSTS, *options.host)
-    epoch_s = WallClock().epoch_ns() // NS_PER_S
+    hosts, epoch_s = (*HOSTS, *options.host), WallClock().epoch_ns() // NS_PER_S
     try:
+        line, paths = _names(options)
         if options.line_key is not None:
             return _change_line_key(options)
         if options.add or options.renew:
-            return _change(options, line, epoch_s)
+            return _change(options, line, paths, epoch_s)
         make(
             options.folder,
             line=line,
@@ -73,6 +76,7 @@ def main(words: Sequence[str]) -> int:
             days=options.days,
             hosts=hosts,
             epoch_s=epoch_s,
+            paths=paths,
         )
     except SettingsError as error:
         return _complain(error, EXIT_USAGE)
@@ -81,14 +85,39 @@ def main(words: Sequence[str]) -> int:
     trains = options.trains or TRAINS
     print(f"{options.folder}: for the wayside's programs, supervision and {trains} trains,")
     print(f"{options.days:g} days; for demonstrations only: the authority's key lies beside it")
-    print(f"plant wayside --line {options.line} --secure {options.folder}")
+    if options.service is None:
+        print(f"plant wayside --line {options.line} --secure {options.folder}")
+    else:
+        print(f"vobc line up --service {options.service} --secure {options.folder}")
     return EXIT_OK
 
 
+def _names(options: argparse.Namespace) -> tuple[str, tuple[str, ...]]:
+    """Return the names of the line, or of the network with its paths. Raises SettingsError."""
+    if options.service is None:
+        options.line = options.line or LINE
+        return load_areas(options.line).name, ()
+    if options.line is not None:
+        raise SettingsError("--line: not with --service, whose file names its network")
+    plan = load_service(options.service)
+    name = load_network(line_of_service(options.service)).name
+    return name, tuple(dict.fromkeys(each.path.line.name for each in plan))
+
+
 def make(
-    folder: Path, *, line: str, trains: int, days: float, hosts: Sequence[str], epoch_s: int
+    folder: Path,
+    *,
+    line: str,
+    trains: int,
+    days: float,
+    hosts: Sequence[str],
+    epoch_s: int,
+    paths: Sequence[str] = (),
 ) -> None:
     """Write certificates, keys, session settings, and the keys of arbiters and safety codes.
+
+    Args:
+        paths: names of the paths, if `line` is the name of a network.
 
     Raises OSError, and SettingsError for a folder that is not empty.
     """
@@ -106,7 +135,7 @@ def make(
     names = [train_name(n + 1) for n in range(trains)]
     for name in (WAYSIDE_NAME, *CLIENT_NAMES, *names):
         authority.issue(folder, name, hosts, span_s)
-    _write_settings(folder, line, names)
+    _write_settings(folder, line, paths, names)
     for number in range(1, ARBITERS_MAX + 1):
         _write_arbiter(folder, number)
     _write_line_keys(folder, [(0, secrets.token_bytes(KEY_BYTES))])
@@ -114,7 +143,7 @@ def make(
     (folder / "ca.pem").write_bytes(pem)
 
 
-def _change(options: argparse.Namespace, line: str, epoch_s: int) -> int:
+def _change(options: argparse.Namespace, line: str, paths: Sequence[str], epoch_s: int) -> int:
     """Add trains to a line, or renew certificates. Raises SettingsError and OSError."""
     folder = options.folder.resolve()
     if options.trains is not None:
@@ -130,8 +159,10 @@ def _change(options: argparse.Namespace, line: str, epoch_s: int) -> int:
             hint = "--add makes that of a train, and a new folder has all others"
             raise SettingsError(f"--renew {name}: there is no {folder / name}.pem; {hint}")
     settings = folder / f"{WAYSIDE_NAME}.json5"
-    if f'"m/{line_chunk(line)}/' not in settings.read_text(encoding="utf-8"):
-        raise SettingsError(f"--line {options.line}: {settings} is for another line")
+    text = settings.read_text(encoding="utf-8")
+    if any(f'"m/{line_chunk(name)}/' not in text for name in (line, *paths)):
+        asked = f"--service {options.service}" if paths else f"--line {options.line}"
+        raise SettingsError(f"{asked}: {settings} is for another line")
     span_s = (epoch_s - EARLIER_S, epoch_s + round(options.days * DAY_S))
     until_s = authority.certificate.not_valid_after_utc.timestamp()
     if span_s[1] > until_s:
@@ -144,7 +175,7 @@ def _change(options: argparse.Namespace, line: str, epoch_s: int) -> int:
         authority.issue(folder, name, hosts, span_s)
     if options.add:
         trains = known - {WAYSIDE_NAME, *CLIENT_NAMES}
-        _write_settings(folder, line, sorted({*trains, *options.add}))
+        _write_settings(folder, line, paths, sorted({*trains, *options.add}))
     for name in options.add:
         print(f"{name}: added; the wayside admits it from its next start on")
     for name in options.renew:
@@ -198,10 +229,10 @@ def _write_line_keys(folder: Path, keys: Sequence[tuple[int, bytes]]) -> None:
         _write_private(part, ("\n".join(lines) + "\n").encode())
 
 
-def _write_settings(folder: Path, line: str, trains: Sequence[str]) -> None:
+def _write_settings(folder: Path, line: str, paths: Sequence[str], trains: Sequence[str]) -> None:
     """Write the session settings of all programs; those of the wayside name every train."""
     numbers = [int(name.removeprefix("T")) for name in trains]
-    texts = {WAYSIDE_NAME: wayside_settings(str(folder), line, numbers)}
+    texts = {WAYSIDE_NAME: wayside_settings(str(folder), line, numbers, paths=paths)}
     for name in (*CLIENT_NAMES, *trains):
         texts[name] = client_settings(str(folder), name)
     for name, text in texts.items():
@@ -325,7 +356,12 @@ def parser() -> argparse.ArgumentParser:
         metavar="FOLDER",
         help="a new folder, or that of a line with --add, --renew or --line-key",
     )
-    top.add_argument("--line", default="loop", metavar="NAME|FILE", help="default: loop")
+    top.add_argument("--line", metavar="NAME|FILE", help=f"default: {LINE}")
+    top.add_argument(
+        "--service",
+        metavar="FILE",
+        help="instead of a line: the network of this service, with all paths of its trips",
+    )
     top.add_argument("--trains", type=_trains, metavar="N", help=f"default: {TRAINS}")
     top.add_argument(
         "--add",

@@ -196,7 +196,7 @@ def _planned(options: argparse.Namespace) -> tuple[LineSetup, LineMap | TrackNet
 
 def _network_setup(options: argparse.Namespace) -> tuple[LineSetup, TrackNetwork]:
     """Check the options of trains on a network. Raises SettingsError."""
-    given = {"--line": options.line, "--secure": options.secure, "--attended": options.attended}
+    given = {"--line": options.line, "--attended": options.attended}
     for name, value in given.items():
         if value:
             raise SettingsError(f"{name}: not with --service, whose trains run by themselves")
@@ -208,6 +208,7 @@ def _network_setup(options: argparse.Namespace) -> tuple[LineSetup, TrackNetwork
     setup = LineSetup(
         str(Path(line).resolve()) if is_path(line) else line,
         *(options.line_radio, options.line_timers, options.arbiters, options.priority, []),
+        secure=_secured(options, plan.trains),
         insecure=options.insecure,
         service=str(Path(options.service).resolve()),
         routes=[*routes],
@@ -231,19 +232,24 @@ def _setup(options: argparse.Namespace, line: LineMap) -> LineSetup:
         ways = ways_of(line, options.trains)
     except ValueError as error:
         raise SettingsError(str(error)) from error
-    secure = None
-    if options.secure is not None:
-        secure = str(options.secure.resolve())
-        trains = [train_name(n + 1) for n in range(options.trains)]
-        _, *parts = wayside_parts(options.arbiters)
-        for name in (WAYSIDE_NAME, *parts, SUPERVISION_NAME, *trains):
-            epoch_ns, listens = WallClock().epoch_ns(), name == WAYSIDE_NAME
-            load_credentials(options.secure, name, epoch_ns, listens=listens)
+    secure = _secured(options, options.trains)
     name = str(Path(options.line).resolve()) if is_path(options.line) else options.line
     of_line = (options.line_radio, options.line_timers, options.arbiters)
     return LineSetup(
         name, *of_line, options.priority, ways, secure, options.insecure, options.attended
     )
+
+
+def _secured(options: argparse.Namespace, trains: int) -> str | None:
+    """The folder of a secured line, with the files of all programs. Raises SettingsError."""
+    if options.secure is None:
+        return None
+    _, *parts = wayside_parts(options.arbiters)
+    names = [train_name(number) for number in range(1, trains + 1)]
+    for name in (WAYSIDE_NAME, *parts, SUPERVISION_NAME, *names):
+        epoch_ns, listens = WallClock().epoch_ns(), name == WAYSIDE_NAME
+        load_credentials(options.secure, name, epoch_ns, listens=listens)
+    return str(options.secure.resolve())
 
 
 class _Start:

@@ -81,7 +81,8 @@ def programs_of(setup: LineSetup, folder: Path) -> list[LineProgram]:
         for name in wayside_parts(setup.arbiters)
     ]
     if setup.service is not None:
-        return programs + [_networked(setup, train) for train in range(1, setup.trains + 1)]
+        trains = range(1, setup.trains + 1)
+        return programs + [_networked(setup, [*of_line], train) for train in trains]
     numbered = list(enumerate(setup.ways, start=1))
     for train, _ in numbered:
         name = bus_name(folder, train)
@@ -101,12 +102,11 @@ def programs_of(setup: LineSetup, folder: Path) -> list[LineProgram]:
     return programs
 
 
-def _networked(setup: LineSetup, train: int) -> LineProgram:
+def _networked(setup: LineSetup, of_line: list[str], train: int) -> LineProgram:
     """The program of a train that makes the trips of a service."""
     words = ["run", "--train", str(train), "--service", str(setup.service)]
     words += ["--trains", str(setup.trains), "--line-radio", setup.endpoint]
-    words += ["--line-timers", setup.timers, "--arbiters", str(setup.arbiters)]
-    words += ["--priority", str(setup.priority)]
+    words += [*of_line, "--priority", str(setup.priority)]
     return LineProgram(f"T{train}/{TRAIN}", "metro_hil.cli.vobc", words, logs=True)
 
 

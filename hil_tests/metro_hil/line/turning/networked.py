@@ -19,6 +19,8 @@ from firmware_py.clock.clock import Clock, WallClock
 from firmware_py.clock.realtime import collect_garbage, enter_realtime
 from firmware_py.interrupts import never
 from firmware_py.ports import LinkCounters, RadioMessage, TunableRadioPort
+from firmware_py.radio.credentials import Credentials
+from firmware_py.radio.line_keys import line_keys
 from firmware_py.radio.zenoh_radio import SessionRole, open_radio
 from firmware_py.storage.checked_store import CheckedStore
 from firmware_py.trackdb import LineMap
@@ -29,8 +31,9 @@ from metro_hil.line.turning.masters import ShiftedPort
 from metro_hil.line.turning.plan import FleetPlan
 from metro_hil.line.turning.train import TurningTrain
 from metro_hil.model.end_condition import ARRIVED, INTERRUPTED
+from metro_hil.model.mission import Journey
 from metro_hil.run.lockstep import Lockstep
-from plant_emulator.wayside.interlocking import SignalBox
+from plant_emulator.wayside.interlocking import SharedNetwork, SignalBox
 from plant_emulator.wayside.network_places import (
     TrainPlace,
     TrainPresence,
@@ -40,11 +43,13 @@ from plant_emulator.wayside.network_places import (
     read_answer,
 )
 from plant_emulator.wayside.route_objects import AXLES, divided, shared_tracks
+from plant_emulator.world import TrainScenario
 from vobc.config import VobcConfig
 from vobc.process.line_command import LineCommand, commanded
 from vobc.train_to_train.train import TrainCore
 from vobc.train_to_train.vocabulary import Role, T2tConfig, TrainMemory
 from vobc.wire.line_radio import LineRadio
+from zenoh_config.codec import BENCH_KEY, SafetyKey
 
 STEP_NS: Final = 10_000_000
 """Time for which the train runs between two looks at the clock."""
@@ -167,11 +172,12 @@ class NetworkedMasters:
         radio: NetworkSession,
         *,
         boot: int,
+        key: SafetyKey = BENCH_KEY,
     ) -> None:
         """Args:
         boot: number of starts of the train; it must increase with every start.
         """
-        self._t2t, self._port = t2t, radio
+        self._t2t, self._port, self.key = t2t, radio, key
         self._paths = {path.line.name: path for path in paths}
         self.shared = shared_tracks(self._paths.values())
         self._areas = {
@@ -196,7 +202,7 @@ class NetworkedMasters:
         memory = store.value or TrainMemory(boot=self._boot)
         core = TrainCore(self._t2t, self._areas[name], address=train, memory=memory, start_ns=0)
         database = database_version(self._paths[name].line)
-        radio = self.radio = LineRadio(core, name, store.put, database=database)
+        radio = self.radio = LineRadio(core, name, store.put, key=self.key, database=database)
         port = ShiftedPort(self._port, began_ns)
         port.listen(radio.subscriptions)
         return radio, port
@@ -216,6 +222,14 @@ class _WaitingTrain(TurningTrain):
     """A train that departs only when the wayside lets it, because its box knows no other train."""
 
     session: NetworkSession
+    key: SafetyKey
+
+    def _open(
+        self, index: int, scenario: TrainScenario, journey: Journey, shared: SharedNetwork
+    ) -> Lockstep:
+        bench = super()._open(index, scenario, journey, shared)
+        bench.plant.railway.use_key(self.key)
+        return bench
 
     def _be_commanded(self, bench: Lockstep, command: LineCommand) -> None:
         super()._be_commanded(bench, command)
@@ -234,10 +248,12 @@ class NetworkedTrain:
         t2t: T2tConfig,
         endpoint: str,
         told: Callable[[str], None],
+        secure: Credentials | None = None,
     ) -> None:
         """Args:
         endpoint: address of the wayside.
         told: receives a line of text about what happens.
+        secure: of the train on a secured line.
 
         Raises RadioError for an invalid endpoint.
         """
@@ -249,19 +265,21 @@ class NetworkedTrain:
             (key_of_answer(plan.network.name, number),),
             clock,
             inbox_messages=INBOX_MESSAGES,
+            secure=secure,
         )
         self._radio = NetworkSession(self._session, plan.network.name, number, clock)
         paths = {each.trip.path.line.name: each.trip.path for each in plan.trips}
         self._masters = NetworkedMasters(
             *(plan.network, paths.values(), t2t, self._radio),
             boot=clock.epoch_ns() // NS_PER_S,
+            key=line_keys(secure),
         )
         # The interlocking is that of the wayside. This copy of it has no other train, and nothing
         # that it sets has an effect on the network.
         box = SignalBox(plan.network)
         box.shared = self._masters.shared
         self.train = _WaitingTrain(plan, number, box, folder, self._masters)
-        self.train.session = self._radio
+        self.train.session, self.train.key = self._radio, self._masters.key
         self.late_s = 0.0
         """Greatest delay of the train behind the clock."""
         self.entered_ns = 0

@@ -14,6 +14,7 @@ from firmware_py.clock.clock import WallClock
 from firmware_py.clock.realtime import die_with_parent
 from firmware_py.interrupts import Interrupts
 from firmware_py.program import Program
+from firmware_py.radio.credentials import load_credentials
 from firmware_py.settings import SettingsError
 from firmware_py.storage.recorder import loss_text
 from firmware_py.storage.whole_file import write_whole
@@ -21,6 +22,7 @@ from metro_hil.line.turning.networked import NetworkedTrain, no_orders
 from metro_hil.line.turning.plan import FleetPlan, plan_fleet
 from metro_hil.model.end_condition import ARRIVED
 from metro_hil.model.run_folder import make_run_folder, plain, write_config
+from metro_hil.model.terminal import console_for
 from metro_hil.model.run_options import (
     EXIT_ENVIRONMENT,
     EXIT_FAILED,
@@ -29,8 +31,9 @@ from metro_hil.model.run_options import (
     RunOptions,
     parse,
 )
-from metro_hil.model.terminal import console_for
+from vobc.cli.line import grant_check
 from vobc.train_to_train.vocabulary import T2tConfig
+from zenoh_config.secured import train_name
 from zenoh_config.t2t import FIRST_ARBITER
 from zenoh_config.timers import TIMER_SETS
 
@@ -69,7 +72,10 @@ def run(
             f"--train {number}: the trains of the service {options.service} are numbered from 1 to "
             f"{plan.trains}; give a greater number with --trains"
         )
-    clock = WallClock()
+    clock, secure, grants = WallClock(), None, None
+    if options.secure is not None:
+        secure = load_credentials(options.secure, train_name(number), clock.epoch_ns())
+        grants = grant_check(options.secure, options.arbiters)
     folder = make_run_folder(options.out, clock.epoch_ns(), f"{plan.network.name}_T{number}")
     write_config(folder, {"options": options, "service": plan.service}, clock.epoch_ns())
     mark_latest(folder.path)
@@ -78,9 +84,10 @@ def run(
         plan,
         number,
         folder.path if options.logs else None,
-        T2tConfig(timers=TIMER_SETS[options.line_timers], arbiters=arbiters),
+        T2tConfig(timers=TIMER_SETS[options.line_timers], arbiters=arbiters, grants=grants),
         options.line_radio,
         lambda text: console.print(f"train {number} {text}", highlight=False, soft_wrap=True),
+        secure,
     )
     console.print(
         f"train {number} waits for the wayside at {options.line_radio}",

@@ -10,6 +10,8 @@ from typing import Any, Final
 from canlog.run_names import mark_latest
 from firmware_py.clock.clock import WallClock
 from firmware_py.interrupts import Interrupts
+from firmware_py.radio.credentials import load_credentials
+from firmware_py.radio.line_keys import line_keys
 from firmware_py.radio.zenoh_radio import SessionRole, open_radio, pick_endpoint
 from firmware_py.settings import SettingsError
 from firmware_py.storage.whole_file import write_whole
@@ -34,15 +36,17 @@ from metro_hil.model.run_options import (
 )
 from metro_hil.model.service import line_of_service
 from metro_hil.model.subprocesses import Child, ChildError
+from metro_hil.supervision.access import refuse_insecure
 from plant_emulator.wayside.network_places import places
 from plant_emulator.wayside.route_objects import divided, shared_tracks
 from zenoh_config import t2t_keys
+from zenoh_config.secured import SUPERVISION_NAME
 
 PRIORITY_MAX: Final = 99
 INBOX_MESSAGES: Final = 1 << 16
 POLL_NS: Final = 20_000_000
 NS_PER_S: Final = 1_000_000_000
-OTHERS: Final = ("line", "watch", "commands", "secure")
+OTHERS: Final = ("line", "watch", "commands")
 """Options of a line in one direction that a service does not have."""
 ORDERS: Final = {
     Strike.KILL_MASTER: ("kill", "the controller of train {} is killed", "", ""),
@@ -69,14 +73,20 @@ class NetworkRun:
         shared = shared_tracks(paths.values())
         areas = {name: divided(plan.network, path, shared) for name, path in paths.items()}
         self._record = LineRunFiles(folder, _print)
-        self.events = NetworkEvents(plan.network.name, paths.values(), areas, self._record.tell)
+        self._clock, self._secure = WallClock(), None
+        if options.secure is not None:
+            epoch_ns = self._clock.epoch_ns()
+            self._secure = load_credentials(options.secure, SUPERVISION_NAME, epoch_ns)
+        key = line_keys(self._secure)
+        self.events = NetworkEvents(
+            *(plan.network.name, paths.values(), areas, self._record.tell, key)
+        )
         self.schedule = FaultSchedule(faults_of(options), options.down_s)
         self.crashed_s: float | None = None
         """When the wayside was killed first, in the time of the network."""
         self.dropped = 0
         """Number of messages that the observer lost."""
         self._options, self._plan, self._folder = options, plan, folder
-        self._clock = WallClock()
         self._trains: dict[int, Child] = {}
         self._wayside: Child | None = None
         """None while it is killed."""
@@ -94,6 +104,7 @@ class NetworkRun:
                 *(SessionRole.TRAIN, endpoint, (places(self._plan.network.name), *topics)),
                 self._clock,
                 inbox_messages=INBOX_MESSAGES,
+                secure=self._secure,
             )
             stack.callback(port.close)
             for number in range(1, self._plan.trains + 1):
@@ -200,6 +211,8 @@ class NetworkRun:
         options = self._options
         words = ["--line-radio", endpoint, "--line-timers", options.line_timers]
         words += ["--arbiters", str(options.arbiters)]
+        if options.secure is not None:
+            return [*words, "--secure", str(options.secure)]
         return [*words, "--insecure"] if options.insecure else words
 
 
@@ -240,6 +253,8 @@ def _print(at_s: float, text: str) -> None:
 
 
 def _plan(options: argparse.Namespace) -> FleetPlan:
+    if options.line_radio is not None:
+        refuse_insecure(options)
     given = [name for name in OTHERS if getattr(options, name, None)]
     given += ["networks"] if networks_of(options, needed=False) is not None else []
     given += ["topology"] if Topology(options.topology) is not Topology.STAR else []

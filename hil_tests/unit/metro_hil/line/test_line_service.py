@@ -187,7 +187,7 @@ def test_trains_of_a_service_are_one_program_each_beside_a_wayside_with_routes(
     ("words", "text"),
     [
         (["--line", "loop"], "--line: not with --service"),
-        (["--secure", "x"], "--secure: not with --service"),
+        (["--secure", "x"], "x/ca.pem: cannot be read"),
         (["--attended", "T1"], "--attended: not with --service"),
         (["--trains", "21"], "--trains 21: with a service there are 1 to 20"),
     ],
