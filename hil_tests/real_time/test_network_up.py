@@ -116,8 +116,8 @@ def test_a_killed_wayside_is_started_again_and_no_train_that_commands_no_other_i
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = tmp_path / "line"
-    words = ["--service", "service.toml", "--trains", "1", "--for", "8", "--down-for", "0.5"]
-    words += ["--crash-arbiter-at", "1", "--kill-master-at", "2", "--line-timers", "C"]
+    words = ["--service", "service.toml", "--trains", "1", "--for", "9.5", "--down-for", "0.5"]
+    words += ["--crash-arbiter-at", "2.5", "--kill-master-at", "4", "--line-timers", "C"]
 
     assert hil(["run", "line", *words, "--priority", "0", "--out", str(run)]) == EXIT_ENVIRONMENT
 

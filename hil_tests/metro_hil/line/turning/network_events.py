@@ -72,6 +72,8 @@ class NetworkEvents:
         }
         self.zero_ns: int | None = None
         """Instant at which the time of the network was 0; None before a train is on it."""
+        self.began_ns: int | None = None
+        """Instant at which the first train was on the network."""
         self.strikes: list[NetworkStrike] = []
         self._network = line_chunk(network)
         self._lines = {line_chunk(name): line for name, line in self.lines.items()}
@@ -146,6 +148,7 @@ class NetworkEvents:
     def _on_place(self, train: int, place: TrainPlace, now_ns: int) -> None:
         before = self._trips.get(train)
         if place.presence is TrainPresence.PRESENT:
+            self.began_ns = now_ns if self.began_ns is None else self.began_ns
             zero_ns = now_ns - round(place.at_s * NS_PER_S)
             self.zero_ns = zero_ns if self.zero_ns is None else min(self.zero_ns, zero_ns)
             trip = place.trip, place.path

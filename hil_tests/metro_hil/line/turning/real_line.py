@@ -119,12 +119,12 @@ class NetworkRun:
                 self._record.on_message(messages)
                 self.dropped = port.counters.dropped_in
                 self._check()
-                if self.events.zero_ns is not None:
+                if self.events.began_ns is not None:
                     # The event log is in the time of the network from its first train on.
                     self._record.zero_ns = self.events.zero_ns
                     self.schedule.step(
                         now_ns,
-                        self.events.zero_ns,
+                        self.events.began_ns,
                         lambda fault: self._apply(fault, endpoint, stack),
                     )
                 if all(child.ended for child in self._trains.values()):
