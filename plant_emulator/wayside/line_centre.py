@@ -134,6 +134,27 @@ class LineCentre:
             self._received_ns[train] = now_ns
         return answer
 
+    def starts_again(self, train: int) -> None:
+        """Forget what a train sent, because its controller counts from 0 on each trip. A skip order
+        ends with the trip.
+        """
+        self._centres.pop(train, None)
+        self._statuses.pop(train, None)
+        self._skipping_m.pop(train, None)
+        known = self._of(train)
+        if known.skip:
+            self._keep(known._replace(skip=False))
+
+    @property
+    def lasting(self) -> tuple[TrainDecree, ...]:
+        """Commands to trains that hold on each path of a network: all but skip orders."""
+        return tuple(each._replace(skip=False) for each in self.memory.trains)
+
+    def take(self, lasting: Iterable[TrainDecree]) -> None:
+        """Take the lasting commands that were given on another path of the network."""
+        for each in lasting:
+            self._keep(each._replace(skip=self._of(each.train).skip))
+
     def step_doors(self, now_ns: int) -> None:
         """Move the platform doors; call it every 10 ms."""
         for _, doors in self._centres.values():

@@ -18,7 +18,7 @@ from zenoh_config import t2t_keys
 from zenoh_config.codec import BENCH_KEY, SafetyKey, pack, unpack
 from zenoh_config.messages import WAYSIDE, Refused, TrainStatus
 from zenoh_config.t2t import LeaseAnswer, T2tMessage
-from zenoh_config.t2t_supervision import Decree
+from zenoh_config.t2t_supervision import Decree, TrainDecree
 from zenoh_config.term_grants import GrantSigner
 from zenoh_config.timers import LineTimers
 
@@ -215,6 +215,16 @@ class LineWayside:
             out = [centre.not_stored(before, now_ns)]
         self.track.restrictions, self.track.closed = centre.restrictions, centre.closed
         return out
+
+    def take_orders(self, lasting: Iterable[TrainDecree]) -> None:
+        """Take and store commands to trains that were given on another path of the network."""
+        if self.centre is None:
+            return
+        before = self.centre.memory
+        self.centre.take(lasting)
+        now = self.centre.memory
+        if now != before and not self._disks.store_centre(now):
+            self._fails("centre")
 
     def _fails(self, who: str) -> None:
         """Stop a part whose memory could not be stored.

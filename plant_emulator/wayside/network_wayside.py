@@ -35,6 +35,7 @@ from plant_emulator.wayside.route_objects import claimed, shared_tracks, truth_o
 from plant_emulator.wayside.separation import REAR_M
 from zenoh_config.keys import matches
 from zenoh_config.t2t import ObjectState
+from zenoh_config.t2t_supervision import TrainDecree
 
 ROUTES_NS: Final = 50_000_000
 """Period in which routes are set and released, as in a run in virtual time."""
@@ -90,6 +91,8 @@ class NetworkWayside:
         self._routes = {
             each.name: sections_of(network, each.path, self.box.shared) for each in paths
         }
+        self._ordered: tuple[TrainDecree, ...] = ()
+        """Commands to trains, which hold on all paths."""
         self._network, self._start_ns = network, start_ns
         self._due_ns = start_ns
         self.subscriptions = (
@@ -110,7 +113,17 @@ class NetworkWayside:
             out += each.wayside.step(now_ns, each.own(messages), self._truths[name])
             heard = [m for m in messages if _is_for(each.departed.subscriptions, m)]
             out += each.departed.step(now_ns, heard, partial(self._is_clear, each))
+        self._share_orders()
         return out
+
+    def _share_orders(self) -> None:
+        """Let a command to a train hold on all paths, whichever it was given on."""
+        centres = [path.wayside.centre for path in self._paths.values()]
+        for centre in centres:
+            if centre is not None and centre.lasting != self._ordered:
+                self._ordered = centre.lasting
+                for path in self._paths.values():
+                    path.wayside.take_orders(self._ordered)
 
     @property
     def lies(self) -> dict[str, Lie]:
@@ -162,6 +175,8 @@ class NetworkWayside:
         self._departs(train)
         each = self._paths[place.path]
         each.departed.enters(train)
+        if each.wayside.centre is not None:
+            each.wayside.centre.starts_again(train)
         Interlocking(
             self._network,
             each.path,

@@ -1,6 +1,6 @@
 """The rest of the railway: zone controller, operations centre and platform doors."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Final, NamedTuple
 
 from firmware_py.ports import RadioMessage
@@ -29,6 +29,10 @@ class _Given(NamedTuple):
     farthest_m: float
 
 
+def _ignore(_: RadioMessage) -> None:
+    """There is no other centre."""
+
+
 class Railway:
     """Passes each message to its receiver."""
 
@@ -43,6 +47,8 @@ class Railway:
         self.centre = Centre(line, self.doors)
         self.interlocking = interlocking
         self._line = line
+        self.on_status: Callable[[RadioMessage], None] = _ignore
+        """Receives each status of the train, for another centre whose orders `centre` repeats."""
         self._by_master: _Given | None = None
         """The newest authority of a master; None without masters, or before the first."""
         if interlocking is not None:
@@ -100,7 +106,10 @@ class Railway:
         """Return key and payload of all answers to the received messages."""
         said = []
         for message in heard:
-            side = self.centre if keys.matches(self._statuses, message.key) else self.zone
+            side: Centre | ZoneController = self.zone
+            if keys.matches(self._statuses, message.key):
+                side = self.centre
+                self.on_status(message)
             answer = side.answer(message, now_ns)
             if answer is not None:
                 said.append(answer)

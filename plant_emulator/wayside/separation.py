@@ -18,6 +18,8 @@ SPACE_M: Final = 10.0
 """Distance between the end of an authority and the stretch of another train, in case that train
 rolls back."""
 
+JOINT_M: Final = 1e-6
+"""Rounding error between the ends of two tracks that join."""
 REAR_M: Final = 12.0
 """Length of track reserved behind a train that has not reported yet."""
 
@@ -46,6 +48,17 @@ class Stretch:
                 barred = crossing.across(track, start_m, end_m)
                 if barred is not None:
                     yield from _on(path, *barred)
+
+    def pieces_on(self, path: Path) -> list[tuple[float, float]]:
+        """The pieces that lie on another path, by that path's chainage, as few as possible."""
+        found: list[tuple[float, float]] = []
+        parts = [each for piece in self._pieces() for each in _on(path, *piece)]
+        for low_m, high_m in sorted(parts):
+            if found and low_m - found[-1][1] < JOINT_M:
+                found[-1] = found[-1][0], high_m
+            else:
+                found.append((low_m, high_m))
+        return found
 
     def _pieces(self) -> Iterator[tuple[str, float, float]]:
         """Each track of the stretch, with both ends by the chainage of the track."""

@@ -3,6 +3,7 @@
 import argparse
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Final
 
 from canlog.live.options import add_serving
@@ -13,8 +14,9 @@ from firmware_py.radio.credentials import load_credentials
 from firmware_py.radio.line_keys import line_keys
 from firmware_py.radio.zenoh_radio import RadioError, SessionRole, ZenohRadio, open_radio
 from firmware_py.settings import SettingsError
-from firmware_py.trackdb import load_line
+from firmware_py.trackdb import LineMap, load_line
 from firmware_py.trackdb.areas import AreaMap, load_areas
+from firmware_py.trackdb.circuit import with_route
 from firmware_py.trackdb.version import database_version
 from metro_hil.model.line_options import add_insecure
 from metro_hil.model.run_options import (
@@ -25,15 +27,29 @@ from metro_hil.model.run_options import (
     SERVICE_VERBS,
     train_number,
 )
+from metro_hil.model.service import line_of_service
 from metro_hil.supervision.access import refuse_insecure
 from metro_hil.supervision.console import SupervisionConsole
+from metro_hil.supervision.network import (
+    NetworkDesk,
+    PathDesk,
+    SupervisedPath,
+    chosen_path,
+    paths_of,
+    text_of,
+)
 from metro_hil.supervision.view import KMH, LineView
+from plant_emulator.wayside.separation import Stretch
 from zenoh_config import t2t_keys
 from zenoh_config.secured import SUPERVISION_NAME
 from zenoh_config.sessions import LINE_ENDPOINT
 from zenoh_config.soundness import MAX_CHAINAGE_M, MAX_SPEED_MPS
 from zenoh_config.t2t_supervision import DecreeKind
 
+LINE: Final = "loop"
+WATCH_S: Final = 0.5
+OF_ROUTE: Final = ("switch-master", "remove-train", "restrict", "close")
+"""Verbs that need a route of a network. A stretch is then commanded on all paths over its track."""
 LOOK_S: Final = 1.5
 """Time to receive the state of the line before anything is displayed."""
 SESSION_S: Final = 5.0
@@ -66,7 +82,10 @@ def main(words: Sequence[str], page: WebPage | None = None) -> int:
     """
     options = parser().parse_args(words)
     try:
-        return _supervise(options, load_areas(options.line), page)
+        if options.service_file is not None:
+            return _supervise_network(options, page)
+        options.line = options.line or LINE
+        return _supervise(options, load_areas(options.line), load_line(options.line), page)
     except (SettingsError, RadioError) as error:
         print(f"vobc: {error}", file=sys.stderr)
         return EXIT_USAGE
@@ -76,7 +95,9 @@ def main(words: Sequence[str], page: WebPage | None = None) -> int:
         return EXIT_OK
 
 
-def _supervise(options: argparse.Namespace, areas: AreaMap, page: WebPage | None) -> int:
+def _supervise(
+    options: argparse.Namespace, areas: AreaMap, line: LineMap, page: WebPage | None
+) -> int:
     _check(options, areas)
     clock, secure = WallClock(), None
     if options.secure is not None:
@@ -89,15 +110,12 @@ def _supervise(options: argparse.Namespace, areas: AreaMap, page: WebPage | None
         secure=secure,
         watched_tokens=t2t_keys.tokens(areas.name),
     ) as port:
-        view.tokens = lambda: port.present
-        desk = SupervisionConsole(clock, view, port, key, database_version(load_line(options.line)))
+        if options.service_file is None:
+            # A train on a network declares no token on the line of a path.
+            view.tokens = lambda: port.present
+        desk = SupervisionConsole(clock, view, port, key, database_version(line))
         if not desk.listen(SESSION_S, lambda: port.connected):
-            also = "" if secure is None else ", with the same certificate authority"
-            print(
-                f"vobc: {options.line_radio}: no session; does a wayside run there{also}?",
-                file=sys.stderr,
-            )
-            return EXIT_ENVIRONMENT
+            return _no_session(options)
         if page is not None and getattr(options, "web", False):
             return page(options, view, port, clock)
         displays = options.verb in ("line", "master")
@@ -105,10 +123,99 @@ def _supervise(options: argparse.Namespace, areas: AreaMap, page: WebPage | None
         return _obey(options, desk, view, clock)
 
 
+def _no_session(options: argparse.Namespace) -> int:
+    also = "" if options.secure is None else ", with the same certificate authority"
+    print(
+        f"vobc: {options.line_radio}: no session; does a wayside run there{also}?", file=sys.stderr
+    )
+    return EXIT_ENVIRONMENT
+
+
+def _supervise_network(options: argparse.Namespace, page: WebPage | None) -> int:
+    """Supervise all paths of a service, or that of the route that the user named."""
+    if options.line is not None:
+        raise SettingsError("--line: not with --service, whose file names its network")
+    paths, path, web = paths_of(options.service_file), None, getattr(options, "web", False)
+    if options.verb in OF_ROUTE or web or options.route is not None:
+        path = chosen_path(paths, options.route, options.service_file)
+    _check(options, (path or paths[0]).areas)
+    if path is not None and web:
+        options.route = path.route
+        options.line = with_route(line_of_service(options.service_file), path.route)
+        return _supervise(options, path.areas, path.path.line, page)
+    clock, secure = WallClock(), None
+    if options.secure is not None:
+        secure = load_credentials(options.secure, SUPERVISION_NAME, clock.epoch_ns())
+    topics = [topic for each in paths for topic in t2t_keys.of_supervision(each.name)]
+    with open_radio(*(SessionRole.TRAIN, options.line_radio, topics, clock), secure=secure) as port:
+        network = NetworkDesk(paths, port, clock, line_keys(secure))
+        if not network.listen(SESSION_S, lambda: port.connected):
+            return _no_session(options)
+        network.listen(LOOK_S)
+        return _obey_network(options, network, path, clock)
+
+
+def _obey_network(
+    options: argparse.Namespace,
+    network: NetworkDesk,
+    path: SupervisedPath | None,
+    clock: WallClock,
+) -> int:
+    """Carry out the verb on the paths that it is about.
+
+    Args:
+        path: of the route that the user named.
+    """
+    if options.verb in ("line", "master"):
+        return _show_network(options, network.only(path), clock)
+    if path is not None and options.verb in OF_TRACK:
+        stretch = Stretch(path.path, options.start_m, options.end_m)
+        return network.on_stretch(stretch, partial(_obey_stretch, options))
+    if path is not None:
+        (desk,) = network.only(path)
+        return _obey(options, desk.console, desk.view, clock)
+    found = network.of_train(options.number)
+    if found is None:
+        print(
+            f"vobc: train {options.number}: no report of it is received on any path of "
+            f"{options.service_file}",
+            file=sys.stderr,
+        )
+        return EXIT_ENVIRONMENT
+    return _obey(options, found.console, found.view, clock)
+
+
+def _show_network(options: argparse.Namespace, desks: Sequence[PathDesk], clock: WallClock) -> int:
+    def lines(view: LineView) -> list[str]:
+        return (view.words if options.verb == "line" else view.reasons)(clock.now_ns())
+
+    console = desks[0].console
+    while getattr(options, "watch", False):
+        console.say(text_of(desks, lines), over=True)
+        for desk in desks:
+            desk.console.listen(WATCH_S / len(desks))
+    console.say(text_of(desks, lines))
+    if any(desk.view.commands for desk in desks):
+        return EXIT_OK
+    return console.nobody("any path")
+
+
+def _obey_stretch(
+    options: argparse.Namespace, desk: SupervisionConsole, start_m: float, end_m: float
+) -> int:
+    wanted, back = OF_TRACK[options.verb]
+    limit_mps = (getattr(options, "limit_kmh", None) or 0.0) / KMH
+    return desk.decree(
+        back if options.end else wanted, start_m=start_m, end_m=end_m, limit_mps=limit_mps
+    )
+
+
 def _check(options: argparse.Namespace, areas: AreaMap) -> None:
     """Raise SettingsError for options that are invalid on any line."""
     refuse_insecure(options)
     verb = options.verb
+    if options.route is not None and options.service_file is None:
+        raise SettingsError(f"{verb}: --route: only with --service")
     if verb == "line":
         _check_page(options)
     if verb == "switch-master" and options.area not in {a.number for a in areas.areas}:
@@ -146,7 +253,7 @@ def _obey(
     if verb == "line":
         while options.watch:
             desk.say(view.words(clock.now_ns()), over=True)
-            desk.listen(0.5)
+            desk.listen(WATCH_S)
         desk.say(view.words(clock.now_ns()))
         return EXIT_OK if view.commands else desk.nobody()
     if verb == "master":
@@ -161,14 +268,7 @@ def _obey(
     if verb in OF_TRAIN:
         wanted, back = OF_TRAIN[verb]
         return desk.decree(back if options.end else wanted, train=options.number)
-    wanted, back = OF_TRACK[verb]
-    limit_mps = (getattr(options, "limit_kmh", None) or 0.0) / KMH
-    return desk.decree(
-        back if options.end else wanted,
-        start_m=options.start_m,
-        end_m=options.end_m,
-        limit_mps=limit_mps,
-    )
+    return _obey_stretch(options, desk, options.start_m, options.end_m)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -222,7 +322,18 @@ def parser() -> argparse.ArgumentParser:
             "--end", action="store_true", help="take the command for this stretch back"
         )
     for parsed in parsers.values():
-        parsed.add_argument("--line", default="loop", metavar="NAME|FILE", help="default: loop")
+        parsed.add_argument("--line", metavar="NAME|FILE", help=f"default: {LINE}")
+        parsed.add_argument(
+            "--service",
+            dest="service_file",
+            metavar="FILE",
+            help="instead of a line: the network of this service, with all paths of its trips",
+        )
+        parsed.add_argument(
+            "--route",
+            metavar="ROUTE",
+            help="with --service: the route whose path, areas or chainages are meant",
+        )
         parsed.add_argument("--line-radio", default=LINE_ENDPOINT, metavar="ENDPOINT")
         parsed.add_argument("--secure", metavar="FOLDER", help="certificates; see `vobc demo-ca`")
         add_insecure(parsed)

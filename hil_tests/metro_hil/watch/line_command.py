@@ -49,6 +49,9 @@ def serve(options: argparse.Namespace, view: LineView, port: ZenohRadio, clock: 
 
 def _options_of(options: argparse.Namespace) -> list[str]:
     """Return the options by which a command reaches the same line."""
-    words = ["--line", options.line, "--line-radio", options.line_radio]
+    words = ["--line", options.line]
+    if options.service_file is not None:
+        words = ["--service", options.service_file, "--route", options.route]
+    words += ["--line-radio", options.line_radio]
     words += [] if options.secure is None else ["--secure", options.secure]
     return [*words, *(["--insecure"] if options.insecure else [])]

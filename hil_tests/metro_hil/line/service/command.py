@@ -326,14 +326,13 @@ class _Start:
 
 
 def _print_next(up: LineUp, options: argparse.Namespace) -> None:
-    if options.service is not None:
-        _say("`vobc line status` lists the programs, `vobc line down` ends them")
-        return
-    where = "" if options.line == "loop" else f" --line {options.line}"
+    where = "" if options.line in ("loop", None) else f" --line {options.line}"
+    where += "" if options.service is None else f" --service {options.service}"
     where += "" if up.endpoint == LINE_ENDPOINT else f" --line-radio {up.endpoint}"
     where += "" if options.secure is None else f" --secure {options.secure}"
     where += " --insecure" if options.insecure else ""
-    _say(f"`vobc line --watch{where}` shows areas and trains, `--web` in a browser")
+    web = "`--web`" if options.service is None else "`--web --route ROUTE` one path"
+    _say(f"`vobc line --watch{where}` shows areas and trains, {web} in a browser")
     _say("`vobc line status` lists the programs, `vobc line down` ends them")
 
 

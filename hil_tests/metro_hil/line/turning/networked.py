@@ -27,6 +27,7 @@ from firmware_py.trackdb import LineMap
 from firmware_py.trackdb.network import TrackNetwork
 from firmware_py.trackdb.paths import Path as TrackPath
 from firmware_py.trackdb.version import database_version
+from metro_hil.line.turning.central_orders import CentralOrders
 from metro_hil.line.turning.masters import ShiftedPort
 from metro_hil.line.turning.plan import FleetPlan
 from metro_hil.line.turning.train import TurningTrain
@@ -49,7 +50,9 @@ from vobc.process.line_command import LineCommand, commanded
 from vobc.train_to_train.train import TrainCore
 from vobc.train_to_train.vocabulary import Role, T2tConfig, TrainMemory
 from vobc.wire.line_radio import LineRadio
+from zenoh_config import keys
 from zenoh_config.codec import BENCH_KEY, SafetyKey
+from zenoh_config.keys import matches
 
 STEP_NS: Final = 10_000_000
 """Time for which the train runs between two looks at the clock."""
@@ -83,6 +86,10 @@ class NetworkSession:
         """Time of the clock at which that of the network was 0; None before the first answer."""
         self.newest: WaysideAnswer | None = None
         """The newest answer of the wayside."""
+        self.order: RadioMessage | None = None
+        """The newest order of the centre to the train on its present path."""
+        self.orders = ""
+        """Key expression of these orders; empty without a path."""
         self._runs = False
         self._radio, self._clock = radio, clock
         self._place, self._answer = key_of_place(network, train), key_of_answer(network, train)
@@ -98,7 +105,8 @@ class NetworkSession:
         return self._clock.now_ns() - self.zero_ns
 
     def listen(self, subscriptions: Collection[str]) -> None:
-        self._radio.listen((self._answer, *subscriptions))
+        own = (self._answer, self.orders) if self.orders else (self._answer,)
+        self._radio.listen((*own, *subscriptions))
 
     def send(self, now_ns: int, key: str, payload: bytes) -> None:
         if self._is_mute:
@@ -133,6 +141,8 @@ class NetworkSession:
                 if answer is not None:
                     self.newest = answer
                     self._set_zero(message.stamp_ns - answer.now_ns)
+            elif self.orders and not self._is_deaf and matches(self.orders, message.key):
+                self.order = message
             elif self.zero_ns is not None:
                 stamp_ns = message.stamp_ns - self.zero_ns
                 waiting = self._held_in if self._is_deaf else self._waiting
@@ -202,6 +212,7 @@ class NetworkedMasters:
         memory = store.value or TrainMemory(boot=self._boot)
         core = TrainCore(self._t2t, self._areas[name], address=train, memory=memory, start_ns=0)
         database = database_version(self._paths[name].line)
+        self._port.orders = keys.orders(name, train)
         radio = self.radio = LineRadio(core, name, store.put, key=self.key, database=database)
         port = ShiftedPort(self._port, began_ns)
         port.listen(radio.subscriptions)
@@ -209,7 +220,7 @@ class NetworkedMasters:
 
     def leave(self, path: str, train: int) -> None:
         """The train sends and receives nothing on this path any more."""
-        self.radio = None
+        self.radio, self._port.orders = None, ""
         self._port.listen(())
 
     def commands(self) -> tuple[int, ...]:
@@ -219,22 +230,27 @@ class NetworkedMasters:
 
 
 class _WaitingTrain(TurningTrain):
-    """A train that departs only when the wayside lets it, because its box knows no other train."""
+    """A train that departs only when the wayside lets it, because its box knows no other train. It
+    obeys the centre of the network.
+    """
 
     session: NetworkSession
     key: SafetyKey
+    orders: CentralOrders
 
     def _open(
         self, index: int, scenario: TrainScenario, journey: Journey, shared: SharedNetwork
     ) -> Lockstep:
         bench = super()._open(index, scenario, journey, shared)
-        bench.plant.railway.use_key(self.key)
+        railway = bench.plant.railway
+        self.orders = CentralOrders(self.session, railway, journey.line, self.key)
         return bench
 
     def _be_commanded(self, bench: Lockstep, command: LineCommand) -> None:
         super()._be_commanded(bench, command)
         waits = self.session.waits(self.trips[-1].index)
         command.waits = command.waits or (not self.moving and waits)
+        self.orders.obey(self.number)
 
 
 class NetworkedTrain:
