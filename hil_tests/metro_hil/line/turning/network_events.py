@@ -20,6 +20,8 @@ from zenoh_config.keys import line_chunk
 
 FRESH_NS: Final = 500_000_000
 """Greatest age of the heartbeat of a train that commands."""
+TAKEOVER_S: Final = 10.0
+"""Time after a strike beyond which a change of command has other reasons."""
 NS_PER_S: Final = 1_000_000_000
 MS_PER_S: Final = 1e3
 
@@ -37,13 +39,15 @@ class NetworkStrike:
 
 @dataclass(frozen=True, slots=True)
 class NetworkTakeover:
-    """The first other train that commanded an area after its master was struck."""
+    """The first other train that commanded an area within `TAKEOVER_S` of the strike at its master;
+    None without one, as after a cut that is shorter than a lease.
+    """
 
     path: str
     area: int
     struck: int
-    train: int
-    after_s: float
+    train: int | None
+    after_s: float | None
 
 
 class NetworkEvents:
@@ -118,16 +122,19 @@ class NetworkEvents:
         return struck
 
     def takeovers(self) -> list[NetworkTakeover]:
-        """The takeovers that followed each strike."""
-        found = []
-        for struck in self.strikes:
-            for name, area in struck.areas:
-                for term in self.lines[name].areas[area].terms:
-                    after_s = self.second_of(term.at_ns) - struck.at_s
-                    if after_s > 0.0 and term.train != struck.train:
-                        found.append(NetworkTakeover(name, area, struck.train, term.train, after_s))
-                        break
-        return found
+        """What followed each strike, by area."""
+        return [
+            self._takeover(struck, name, area)
+            for struck in self.strikes
+            for name, area in struck.areas
+        ]
+
+    def _takeover(self, struck: NetworkStrike, name: str, area: int) -> NetworkTakeover:
+        for term in self.lines[name].areas[area].terms:
+            after_s = self.second_of(term.at_ns) - struck.at_s
+            if 0.0 < after_s <= TAKEOVER_S and term.train != struck.train:
+                return NetworkTakeover(name, area, struck.train, term.train, after_s)
+        return NetworkTakeover(name, area, struck.train, None, None)
 
     def doubts(self) -> list[str]:
         """Why the run proves nothing about a takeover; empty if it does."""

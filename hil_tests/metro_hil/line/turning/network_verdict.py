@@ -2,11 +2,15 @@
 
 from collections.abc import Mapping, Sequence
 from math import isfinite
-from typing import Any
+from typing import Any, Final
 
-from metro_hil.line.exercise.event_log import OLD
+from can_dbc.vobc import Cause
 from metro_hil.line.turning.network_events import NetworkEvents
 from metro_hil.model.run_folder import plain
+from vobc.atp.emergencies import RULE_OF
+
+OLD_TEXT: Final = RULE_OF[Cause.AUTHORITY_OLD].words
+"""Cause in the results of a train whose authority became too old."""
 
 
 def is_explained(
@@ -29,7 +33,7 @@ def is_explained(
     crashed = crashed_s is not None and at_s >= crashed_s
     if brake["kind"] == "service":
         return crashed or any(at_s >= each for each in struck_s.values())
-    return crashed and brake["cause"].replace("_", " ") == OLD
+    return crashed and brake["cause"] == OLD_TEXT
 
 
 def document_of(
@@ -130,9 +134,11 @@ def show(document: dict[str, Any]) -> None:
         why = ", explained by a fault" if brake["is_explained"] else ""
         print(f"{text}, {brake['cause']}{why}".replace("_", " "))
     for each in document["takeovers"]:
+        what = "no other train commanded"
+        if "train" in each:
+            what = f"train {each['train']} commanded {each['after_s']:.2f} s"
         print(
-            f"{each['path']}, area {each['area']}: train {each['train']} commanded "
-            f"{each['after_s']:.2f} s after train {each['struck']} was struck"
+            f"{each['path']}, area {each['area']}: {what} after train {each['struck']} was struck"
         )
     if document["takeovers"] and document["authority_oldest_s"] > 0.0:
         print(f"oldest authority of other trains: {document['authority_oldest_s']:.2f} s")

@@ -20,7 +20,7 @@ from hil_tests.unit.vobc.train_to_train.test_t2t_envelope import REPORT
 from metro_hil.line.exercise.plan import Fault, Strike
 from metro_hil.line.exercise.schedule import FaultSchedule
 from metro_hil.line.turning.network_events import NetworkEvents
-from metro_hil.line.turning.network_verdict import document_of, failed, is_explained, show
+from metro_hil.line.turning.network_verdict import OLD_TEXT, document_of, failed, is_explained, show
 from metro_hil.line.turning.networked import NetworkSession
 from metro_hil.line.turning.networked_command import OrderInput
 from metro_hil.line.turning.plan import plan_fleet
@@ -41,7 +41,7 @@ BRAKE: Final[dict[str, Any]] = {
     "at_s": 20.0,
     "train": 2,
     "kind": "emergency",
-    "cause": "authority_old",
+    "cause": "movement authority or its restrictions too old",
 }
 
 
@@ -136,22 +136,40 @@ def test_only_a_train_that_commands_another_one_is_struck_and_its_takeover_is_ti
     assert struck is not None
     assert (struck.train, struck.areas) == (1, (("short-out", network.area),))
     assert struck.at_s == pytest.approx(10.7)
-    assert network.events.takeovers() == []
+    (nothing,) = network.events.takeovers()
+    assert (nothing.struck, nothing.train, nothing.after_s) == (1, None, None)
     (doubt,) = network.events.doubts()
     assert doubt.startswith(f"short-out, area {network.area}: train 1 was struck in term 7")
 
     network.message(replace(BEAT, source=2, term=9), 11.1)
+    network.message(replace(BEAT, source=2, term=11), 12.0)
 
     (takeover,) = network.events.takeovers()
     assert (takeover.train, takeover.struck) == (2, 1)
     assert takeover.after_s == pytest.approx(0.4)
     assert network.events.doubts() == []
-    at_s, text = network.said[-1]
+    at_s, text = network.said[-2]
     assert at_s == pytest.approx(11.1)
     assert text == (
         f"short-out, area {network.area}: train 2 commands, term 9; train 1 sent its last "
         "heartbeat 0.50 s before"
     )
+
+
+def test_a_later_change_of_command_is_no_takeover(
+    network: Network, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for train in (1, 2):
+        network.place(train, 10.0)
+    network.message(BEAT, 10.0)
+    network.strike(10.0)
+    network.message(replace(BEAT, source=2, term=9), 20.1)
+
+    show(network.document())
+
+    where = f"short-out, area {network.area}"
+    told = capsys.readouterr().out.splitlines()
+    assert f"{where}: no other train commanded after train 1 was struck" in told
 
 
 def test_ages_count_by_the_clock_of_each_train(network: Network) -> None:
@@ -222,8 +240,8 @@ def test_the_verdict_fails_for_an_unexplained_brake_and_shows_takeovers(
     show(document)
 
     told = capsys.readouterr().out.splitlines()
-    assert "at 20.00 s, train 2: service brake, authority old, explained by a fault" in told
-    assert "at 20.00 s, train 2: emergency brake, authority old" in told
+    assert f"at 20.00 s, train 2: service brake, {OLD_TEXT}, explained by a fault" in told
+    assert f"at 20.00 s, train 2: emergency brake, {OLD_TEXT}" in told
     where = f"short-out, area {network.area}"
     assert f"{where}: train 2 commanded 0.35 s after train 1 was struck" in told
     assert told[-2:] == ["oldest authority of other trains: 0.25 s", "invalid: nothing cut"]
