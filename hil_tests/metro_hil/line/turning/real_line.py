@@ -46,6 +46,8 @@ PRIORITY_MAX: Final = 99
 INBOX_MESSAGES: Final = 1 << 16
 POLL_NS: Final = 20_000_000
 NS_PER_S: Final = 1_000_000_000
+START_NS: Final = 60 * NS_PER_S
+"""Time after which a run counts as begun, although no train has entered the network."""
 OTHERS: Final = ("line", "watch", "commands")
 """Options of a line in one direction that a service does not have."""
 ORDERS: Final = {
@@ -110,7 +112,7 @@ class NetworkRun:
             for number in range(1, self._plan.trains + 1):
                 self._trains[number] = self._start_train(number, endpoint)
                 stack.callback(self._trains[number].end)
-            end_ns = self._clock.now_ns() + round(options.duration_s * NS_PER_S)
+            latest_ns = self._clock.now_ns() + START_NS
             while not interrupts.asked:
                 self._clock.wait_until(self._clock.now_ns() + POLL_NS)
                 now_ns = self._clock.now_ns()
@@ -129,7 +131,8 @@ class NetworkRun:
                     )
                 if all(child.ended for child in self._trains.values()):
                     return ARRIVED
-                if self._clock.now_ns() >= end_ns:
+                began_ns = self.events.began_ns or latest_ns
+                if now_ns >= began_ns + options.duration_s * NS_PER_S:
                     return DURATION
         return INTERRUPTED
 
