@@ -6,7 +6,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 FILE_COLUMNS: Final = 160
-"""Width of tables in files and pipes."""
+"""Least width of tables in files and pipes. COLUMNS may ask for more."""
 
 
 def console_for(*, json: bool = False, **options: Any) -> "Console":
@@ -20,4 +20,6 @@ def console_for(*, json: bool = False, **options: Any) -> "Console":
     from rich.console import Console
 
     console = Console(stderr=json, **options)
-    return console if console.is_terminal else Console(stderr=json, width=FILE_COLUMNS, **options)
+    if not console.is_terminal:
+        console.width = max(console.width, FILE_COLUMNS)
+    return console

@@ -22,7 +22,6 @@ from metro_hil.line.turning.networked import NetworkedTrain, no_orders
 from metro_hil.line.turning.plan import FleetPlan, plan_fleet
 from metro_hil.model.end_condition import ARRIVED
 from metro_hil.model.run_folder import make_run_folder, plain, write_config
-from metro_hil.model.terminal import console_for
 from metro_hil.model.run_options import (
     EXIT_ENVIRONMENT,
     EXIT_FAILED,
@@ -31,6 +30,7 @@ from metro_hil.model.run_options import (
     RunOptions,
     parse,
 )
+from metro_hil.model.terminal import console_for
 from vobc.cli.line import grant_check
 from vobc.train_to_train.vocabulary import T2tConfig
 from zenoh_config.secured import train_name
