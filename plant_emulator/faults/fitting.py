@@ -11,7 +11,12 @@ from firmware_py.trackdb.network import TrackNetwork
 from firmware_py.trackdb.paths import Path
 from plant_emulator.faults.declared_loops import LOOP_FAULTS
 from plant_emulator.faults.declared_process import ClockStep, ControllerKilled
-from plant_emulator.faults.declared_train import PowerSectionOff
+from plant_emulator.faults.declared_train import (
+    PowerSectionOff,
+    TagDisplaced,
+    TagDuplicate,
+    TagMissed,
+)
 from plant_emulator.faults.declared_wayside import (
     AuthorityWithdrawn,
     OtherDatabase,
@@ -34,6 +39,8 @@ EFFORT: Final = (Node.TCU, Node.BCU)
 SWITCH_FAULTS: Final = (SwitchLost, SwitchStray, SwitchStuck)
 TRACK_FAULTS: Final = (*SWITCH_FAULTS, RouteSet, TrackClosed)
 """Faults that need a network with switches."""
+TAG_FAULTS: Final = (TagDisplaced, TagDuplicate, TagMissed)
+"""Faults of tags of the line. A false tag may have any number."""
 ZONE_FAULTS: Final = (AuthorityWithdrawn, OtherDatabase, RearUnprotected, SignalStop, WrongMap)
 """Faults of the zone controller, which gives no authority to trains that command themselves."""
 NODES_OF_PLACE: Final[Mapping[FaultPlace, tuple[Node, ...]]] = {
@@ -67,6 +74,8 @@ class FaultTargets:
     """With its switches; None for a line without one."""
     sections: frozenset[str] = frozenset()
     """Names of the power sections of line and network."""
+    tags: frozenset[int] = frozenset()
+    """Numbers of the tags of line and network."""
 
 
 def targets_of(scenario: TrainScenario) -> FaultTargets:
@@ -80,9 +89,11 @@ def targets_on(
     """The targets of a train on a line; `tracks` as in a scenario."""
     network = None if tracks is None else tracks[0]
     names = {each.name for each in line.power_sections}
+    tags = {each.tag_id for each in line.tags}
     for track in () if network is None else network.tracks:
         names |= {each.name for each in track.power_sections}
-    return FaultTargets(train, network, frozenset(names))
+        tags |= {each.tag_id for each in track.tags}
+    return FaultTargets(train, network, frozenset(names), frozenset(tags))
 
 
 def check_fitting(faults: Iterable[FaultPlan], targets: FaultTargets, source: str) -> None:
@@ -95,6 +106,8 @@ def check_fitting(faults: Iterable[FaultPlan], targets: FaultTargets, source: st
             _check_network(plan, source, targets.network)
         if isinstance(plan.parameters, PowerSectionOff):
             _check_section(plan, plan.parameters.section, source, targets.sections)
+        if isinstance(plan.parameters, TAG_FAULTS):
+            _check_tag(plan, plan.parameters.tag_id, source, targets.tags)
         if isinstance(plan.parameters, LOOP_FAULTS) and not train.loop.connected:
             raise SettingsError(
                 f"{source}: fault[{plan.index}].kind: {plan.kind.name}: the train {train.name} has "
@@ -143,6 +156,16 @@ def _check_section(plan: FaultPlan, name: str, source: str, known: frozenset[str
         raise SettingsError(f"{where}: the line has no power sections; add power_sections to it")
     if name not in known:
         raise SettingsError(f"{where}: no such section; {nearest(name, sorted(known), 'name')}")
+
+
+def _check_tag(plan: FaultPlan, tag_id: int | None, source: str, known: frozenset[int]) -> None:
+    if tag_id is None or tag_id in known:
+        return
+    where = f"{source}: fault[{plan.index}].tag_id: {tag_id}"
+    if not known:
+        raise SettingsError(f"{where}: the line has no tags")
+    closest = min(known, key=lambda each: (abs(each - tag_id), each))
+    raise SettingsError(f"{where}: no such tag; nearest of {len(known)} tags: {closest}")
 
 
 def _check_network(plan: FaultPlan, source: str, network: TrackNetwork | None) -> None:

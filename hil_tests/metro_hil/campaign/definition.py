@@ -52,6 +52,12 @@ class Body:
         }
         return {name: readers[name]() for name in names}
 
+    def check_fit(self, parts: Mapping[str, Any]) -> Findings:
+        """Problems of the faults with the setup of a point that is valid otherwise."""
+        findings = Findings()
+        self.sources.faults.check(parts["setup"], parts["faults"], findings)
+        return findings
+
     def with_values(self, values: Mapping[str, Any]) -> "Body":
         """The scenario with other values by key. Raises KeyMissingError with reason and key."""
         raw = self.raw
@@ -183,9 +189,13 @@ class PointMaker:
         }
         self._changed = {part: some for part, some in touching.items() if some}
         fixed = [part for part in PARTS if part not in self._changed]
+        before = len(findings.found)
         self._fixed = body.parts(fixed, findings)
+        self._valid = len(findings.found) == before
         self._before = Findings()
-        body.parts(tuple(self._changed), self._before)
+        own = {**self._fixed, **body.parts(tuple(self._changed), self._before)}
+        if self._valid and not self._before:
+            self._before = body.check_fit(own)
         self._read: dict[tuple[str, ...], tuple[Any, Findings]] = {}
 
     def report_body(self, findings: Findings) -> None:
@@ -225,6 +235,11 @@ class PointMaker:
             fine = fine and not seen
             for key, what in seen.found:
                 self._report(key, what, factors, findings)
+        if fine and self._valid:
+            seen = self._fit(body, parts, values_of)
+            fine = not seen
+            for key, what in seen.found:
+                self._report(key, what, factors, findings)
         return SweepPoint(number=number, factors=factors, **parts) if fine else None
 
     def _part(self, body: Body, part: str, values: Sequence[Any]) -> tuple[Any, Findings]:
@@ -234,6 +249,14 @@ class PointMaker:
             seen = Findings()
             self._read[key] = body.parts((part,), seen)[part], seen
         return self._read[key]
+
+    def _fit(self, body: Body, parts: Mapping[str, Any], values: Mapping[str, Any]) -> Findings:
+        """Problems of the faults with the setup; points with equal values share them."""
+        keys = [key for part in ("setup", "faults") for key in self._changed.get(part, ())]
+        fit = ("fit", *(repr(values[key]) for key in keys))
+        if fit not in self._read:
+            self._read[fit] = None, body.check_fit(parts)
+        return self._read[fit][1]
 
     def _report(self, key: str, what: str, factors: Mapping[str, Any], findings: Findings) -> None:
         if (key, what) in self._before.found:

@@ -8,6 +8,7 @@ from typing import Final, TypeVar
 from firmware_py.settings import SettingsError, is_path
 from firmware_py.trackdb import LineMap, load_line
 from firmware_py.trackdb.circuit import split_route, with_route
+from metro_hil.campaign.fit import FaultCheck
 from metro_hil.model.service import PlannedTrip, line_of_service, load_service
 from plant_emulator.desk.recording import DeskRecording, load_recording
 from plant_emulator.power.supplies import Supply, load_supply
@@ -28,6 +29,7 @@ class Sources:
         self.files: dict[str, str] = {}
         """Contents of the user's files, by their names in the cases."""
         self.paths: dict[str, Path] = {}
+        self.faults = FaultCheck(self.paths)
         self._names: dict[str, str] = {}
         self._read: dict[tuple[str, str], object] = {}
 
