@@ -65,10 +65,18 @@ TRUTH_COLUMNS: Final = (
     "door_right",
     "odometer_error_m",
     "tags_read",
+    "traction_j",
+    "regenerated_j",
+    "drawn_j",
+    "returned_j",
 )
 """Columns of the truth log. Speed and acceleration are those of the whole train; the speed is
 exactly 0 only at standstill. `car_speeds_mps` has one number for each car, from the front,
-separated by blanks."""
+separated by blanks. Energies are those of the train's own meter since its start: of the motors, and
+with auxiliaries at the collector. They are empty if another program emulates these parts."""
+UNMETERED: Final = ("", "", "", "")
+METERED: Final = frozenset({Node.TCU, Node.BCU, Node.HVB})
+"""Nodes whose emulation the energy meter needs."""
 
 TRUTH_STEPS: Final = 5
 """Plant steps between rows of the truth log (50 ms). The log gets one more row whenever the train
@@ -154,6 +162,7 @@ class PlantDevice:
         self._platform_doors = self.railway.doors
         self._tags, self._radio, self._truth = tags, radio, truth
         self._start_ns, self._epoch_offset_ns = start_ns, epoch_offset_ns
+        self._metered = METERED.isdisjoint(self._absent)
         self._slots = timetable(self._absent)
         self._steps = 0
         self.lost_steps = 0
@@ -402,6 +411,7 @@ class PlantDevice:
             return
         world = self.world
         consist, brake, doors, told = world.consist, world.brake, world.doors, world.told
+        power = world.power
         self._truth.row(
             f"{self.elapsed_s:.3f}",
             consist.car_fronts_m[0],
@@ -419,6 +429,11 @@ class PlantDevice:
             _door_state(told["right_open"]) if "right_open" in told else doors.right.state,
             told.get("odometer_error_m", world.odometer_error_m),
             int(told.get("tags_read", world.tag_reader.tags_read)),
+            *(
+                (power.traction_j, power.braking_j, power.drawn_j, power.returned_j)
+                if self._metered
+                else UNMETERED
+            ),
         )
 
     @property

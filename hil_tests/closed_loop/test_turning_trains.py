@@ -123,7 +123,9 @@ def test_the_command_prints_the_energy_of_trains_on_a_supply_network(
     one_trip = SERVICE.replace('[[trips]]\nroute = "out"\n', "")
     words = ["--service", write(tmp_path, one_trip), "--trains", "1", "--supply", str(supply)]
 
-    code = vobc_run.main(["run", "--lockstep", *words, "--no-logs", "--json", "--out", str(out)])
+    code = vobc_run.main(
+        ["run", "--lockstep", *words, "--no-logs", "--hops", "--json", "--out", str(out)]
+    )
 
     printed = capsys.readouterr()
     told = json.loads(printed.out)
@@ -140,6 +142,11 @@ def test_the_command_prints_the_energy_of_trains_on_a_supply_network(
     assert motor_kwh + told["auxiliary_kwh"] == pytest.approx(
         train["drawn_kwh"] - train["returned_kwh"]
     )
+    (hop,) = told["hops"]
+    assert (hop["from"], hop["to"], hop["runs"]) == ("Yard", "Tail", 1)
+    assert hop["traction_kwh"] == pytest.approx(told["traction_kwh"], rel=1e-3)
+    assert hop["regenerated_kwh"] == pytest.approx(told["regenerated_kwh"], rel=1e-3)
+    assert f"{hop['run_s']:.1f}" in printed.err
     assert train["lowest_v"] == told["lowest_v"] < 836.0 < told["highest_v"]
 
 

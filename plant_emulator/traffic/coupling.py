@@ -6,7 +6,7 @@ direction it also reports its rear, and receives that of the train ahead.
 
 import math
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final, NamedTuple
 
 from firmware_py.trackdb import LineZone
@@ -63,6 +63,16 @@ class Books:
         self.fed_back_j: dict[str, float] = {}
         """Energy that trains gave to each power section, likewise."""
 
+    def name_sections(self, names: Iterable[str]) -> None:
+        """Open an account for each power section of the line or network."""
+        for name in names:
+            self.drawn_j[name] = self.fed_back_j[name] = 0.0
+
+    def book_section(self, name: str, net_j: float) -> None:
+        """Book what a train took from a section; negative for what it gave back."""
+        book = self.drawn_j if net_j >= 0.0 else self.fed_back_j
+        book[name] += abs(net_j)
+
     @property
     def lost_j(self) -> float:
         """Energy that became heat in substations, storages, feeders and rails."""
@@ -86,6 +96,11 @@ class TrainFeed(NamedTuple):
     """Share of the regenerated power that goes into the train's own resistor."""
     effort_ratio: float
     """Share of the tractive effort that the voltage permits."""
+
+    @property
+    def net_j(self) -> float:
+        """Energy that the train takes in an interval; negative while it feeds back."""
+        return self.voltage_v * self.current_a * INTERVAL_S
 
 
 class PowerCoupling:
@@ -141,8 +156,7 @@ class Coupling(PowerCoupling):
         self._config = config
         self._sections = sections
         self._starts_m = [each.start_m for each in sections]
-        for name in dict.fromkeys(each.name for each in sections):
-            self.books.drawn_j[name] = self.books.fed_back_j[name] = 0.0
+        self.books.name_sections(each.name for each in sections)
 
     def answers(self, said: Sequence[IntervalReport]) -> list[CouplingAnswer]:
         """Solve one interval for the whole line."""
@@ -157,7 +171,7 @@ class Coupling(PowerCoupling):
         ]
         feeds = self.feed(loads)
         for each, feed in zip(said, feeds, strict=True):
-            self._book_section(each.front_m, feed.voltage_v * feed.current_a * INTERVAL_S)
+            self._book_section(each.front_m, feed.net_j)
         return [
             CouplingAnswer(*feed, self._leader_rear_m(train, said))
             for train, feed in enumerate(feeds)
@@ -166,8 +180,7 @@ class Coupling(PowerCoupling):
     def _book_section(self, front_m: float, net_j: float) -> None:
         index = bisect_right(self._starts_m, front_m) - 1
         if index >= 0 and front_m < self._sections[index].end_m:
-            book = self.books.drawn_j if net_j >= 0.0 else self.books.fed_back_j
-            book[self._sections[index].name] += abs(net_j)
+            self.books.book_section(self._sections[index].name, net_j)
 
     def _leader_rear_m(self, train: int, said: Sequence[IntervalReport]) -> float:
         """Return the rear of the train ahead.

@@ -55,6 +55,11 @@ class Dispatcher:
         self._leaves_s = timetable.leaves_s[start.index] - start.phase_s
         self._left_s = 0.0
 
+    @property
+    def at_platform(self) -> bool:
+        """Whether the train has arrived at a station and not left it."""
+        return self._stands
+
     def holds(self, now_s: float, front_m: float, speed_mps: float) -> bool:
         """Return whether the train is to stay, and update the record; call it often.
 

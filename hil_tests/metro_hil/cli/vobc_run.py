@@ -21,6 +21,7 @@ from firmware_py.trackdb import LineMap
 from metro_hil.cli.realtime_run import RealtimeRun
 from metro_hil.foreign_plant.plant import PlantDiedError
 from metro_hil.metrics.comfort import comfort_of, inertia_of
+from metro_hil.metrics.hops import hop_table, means_of, measure_hops
 from metro_hil.metrics.results import RunResults, sha256_of
 from metro_hil.metrics.run import (
     SupervisionEvent,
@@ -145,6 +146,8 @@ def _drive_trips(options: RunOptions, legs: list[RunResults], console: Console) 
             break
     errors_m = [abs(each.error_m) for leg in legs for each in leg.stops if each.error_m is not None]
     worst = f", worst stop error {100.0 * max(errors_m):.1f} cm" if errors_m else ""
+    if options.hops:
+        console.print(hop_table(means_of([hop for leg in legs for hop in leg.hops])))
     done = len(legs) - (code != EXIT_OK)
     console.print(f"{done} of {len(plans)} trips arrived{worst}", highlight=False)
     return code
@@ -236,6 +239,8 @@ def _finish(
     """Report the run, and return the exit code. `printed`: also as JSON on standard output."""
     try:
         report(folder, journey, results, logs, console, plot=_wants_plot(options))
+        if options.hops and options.service is None and options.and_back is None:
+            console.print(hop_table(means_of(results.hops)))
         if options.by_hand:
             console.print("`hil from-run` makes a scenario of what a person did", highlight=False)
     finally:
@@ -286,9 +291,11 @@ def make_results(
     """
     truth, cycles = logs
     motion = truth or cycles
+    stops = measure_stops(motion, journey.stops) if motion else ()
     return RunResults(
         exit_reason=ending.exit_reason,
-        stops=measure_stops(motion, journey.stops) if motion else (),
+        stops=stops,
+        hops=measure_hops(truth, journey.start.name, stops) if truth else (),
         ride=measure_ride(motion) if motion else None,
         comfort=comfort_of(truth, cycles, inertia_kg=inertia_kg if truth else None),
         cycles=measure_cycles(cycles) if cycles else None,

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any, Final, NamedTuple
 
+from rich.table import Table
+
 from plant_emulator.power import HighVoltageBox
 from plant_emulator.traffic.coupling import PowerCoupling
 
@@ -65,7 +67,24 @@ def keys_of_network(coupling: PowerCoupling, trains: Sequence[TrainEnergy]) -> d
         "metered_ratio": _metered_ratio(coupling, trains),
         "unconverged": network.unconverged,
         "solved": network.solved,
+        "sections": [
+            {
+                "section": name,
+                "drawn_kwh": drawn_j / J_PER_KWH,
+                "returned_kwh": books.fed_back_j[name] / J_PER_KWH,
+            }
+            for name, drawn_j in books.drawn_j.items()
+        ],
     }
+
+
+def section_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """The energy by power section, from its keys."""
+    table = Table("power section", "drawn", "returned")
+    for row in rows:
+        energies = (f"{row[key]:.1f} kWh" for key in ("drawn_kwh", "returned_kwh"))
+        table.add_row(row["section"], *energies)
+    return table
 
 
 def _metered_ratio(coupling: PowerCoupling, trains: Sequence[TrainEnergy]) -> float:

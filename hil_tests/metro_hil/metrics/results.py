@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from metro_hil.metrics.comfort import Comfort
+from metro_hil.metrics.hops import HopEnergy, means_of
 from metro_hil.metrics.run import Cycles, RideComfort, SupervisionEvent
 from metro_hil.metrics.stops import StationStop
 
@@ -29,6 +30,7 @@ class RunResults:
     frame_log_sha256: str
     real_time_factor: float | None = None
     """Virtual seconds per second; None in real time."""
+    hops: Sequence[HopEnergy] = ()
     rejected_frames: Mapping[str, int] = field(default_factory=dict)
     comfort: Comfort = field(default_factory=Comfort)
     truth_known: bool = True
@@ -51,6 +53,7 @@ class RunResults:
                     "exit_reason": self.exit_reason,
                     "real_time_factor": self.real_time_factor,
                     "stops": [asdict(stop) for stop in self.stops],
+                    "hops": means_of(self.hops),
                     "max_accel_mps2": self.ride.max_accel_mps2 if self.ride else None,
                     "max_jerk_mps3": self.ride.max_jerk_mps3 if self.ride else None,
                     **self.comfort.measures(),

@@ -145,6 +145,8 @@ class RunOptions:
     """File of a service, whose trips the train makes one after the other."""
     plot: bool | None = None
     """Whether a plot is drawn; None: unless --json is given."""
+    hops: bool = False
+    """Whether running time and energy of each hop are printed."""
 
     @property
     def is_networked(self) -> bool:
@@ -362,6 +364,11 @@ def _add_rest(run: argparse.ArgumentParser) -> None:
         "--plot",
         action=argparse.BooleanOptionalAction,
         help="draw the run; default: yes, with --json no",
+    )
+    group.add_argument(
+        "--hops",
+        action="store_true",
+        help="print running time and energy of each hop, with several trains their means",
     )
     group.add_argument("--out", metavar="DIR", help="run folder; default: a new one below runs/")
     group.add_argument(

@@ -27,6 +27,7 @@ from metro_hil.line.energy import (
     keys_of_network,
     keys_of_service,
     keys_of_train,
+    section_table,
     summary_of,
 )
 from metro_hil.line.turning.conductor import AFTER_KILL, Conductor
@@ -34,6 +35,7 @@ from metro_hil.line.turning.headway import Turnback, turnbacks
 from metro_hil.line.turning.masters import Masters, StruckMaster
 from metro_hil.line.turning.plan import FleetPlan, plan_fleet
 from metro_hil.line.turning.train import TurningTrain
+from metro_hil.metrics.hops import hop_table, means_of
 from metro_hil.model.end_condition import ARRIVED, INTERRUPTED
 from metro_hil.model.run_folder import make_run_folder, plain, write_config
 from metro_hil.model.run_options import (
@@ -72,6 +74,8 @@ def run(options: RunOptions, console: Console) -> int:
     turned = turnbacks(plan, trips)
     document = as_document(plan, conductor, turned)
     _show(console, plan, conductor, turned, document, record.duration_s / elapsed_s)
+    if options.hops:
+        console.print(hop_table(document["hops"]))
     write_whole(folder.results, json.dumps(document, indent=2) + "\n")
     from metro_hil.line.turning import figures
 
@@ -121,6 +125,9 @@ def as_document(plan: FleetPlan, conductor: Conductor, turned: list[Turnback]) -
         "violations": [plain(each) for each in between.violations],
         "protection_brakes": [plain(each) for train in conductor.trains for each in train.brakes],
         "turnbacks": [{**plain(each), "limit_s": each.limit.total_s} for each in turned],
+        "hops": means_of(
+            [hop for train in conductor.trains for trip in train.trips for hop in trip.hops]
+        ),
         "trips": [plain(trip) for train in conductor.trains for trip in train.trips],
         **({} if conductor.masters is None else {"masters": _of_masters(conductor.masters)}),
         **_of_supply(plan, conductor),
@@ -197,6 +204,8 @@ def _show(
         energy = [] if train.power is None else cells_of(energy_of(train.power))
         table.add_row(*_row(train, timed=plan.service.headway_s > 0.0), *energy)
     console.print(table)
+    if document.get("sections"):
+        console.print(section_table(document["sections"]))
     if turned:
         console.print(_turnback_table(turned))
     record, between = conductor.record, conductor.between

@@ -5,7 +5,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from rich.console import Console
 
@@ -20,6 +20,7 @@ from firmware_py.storage.recorder import loss_text
 from firmware_py.storage.whole_file import write_whole
 from metro_hil.line.turning.networked import NetworkedTrain, no_orders
 from metro_hil.line.turning.plan import FleetPlan, plan_fleet
+from metro_hil.metrics.hops import hop_table, means_of
 from metro_hil.model.end_condition import ARRIVED
 from metro_hil.model.run_folder import make_run_folder, plain, write_config
 from metro_hil.model.run_options import (
@@ -100,6 +101,8 @@ def run(
     document = _document(plan, train, reason)
     write_whole(folder.results, json.dumps(document, indent=2) + "\n")
     _show(console, plan, train, reason, folder.path)
+    if options.hops:
+        console.print(hop_table(document["hops"]))
     if options.json:
         print(json.dumps(document))
     if train.train.lost_log_lines:
@@ -120,7 +123,7 @@ def main() -> int:
     return run(parse(words), console_for(), OrderInput())
 
 
-def _document(plan: FleetPlan, train: NetworkedTrain, reason: str) -> dict[str, object]:
+def _document(plan: FleetPlan, train: NetworkedTrain, reason: str) -> dict[str, Any]:
     """The results for JSON. Times are those of the network."""
     return {
         "network": plan.network.name,
@@ -128,6 +131,7 @@ def _document(plan: FleetPlan, train: NetworkedTrain, reason: str) -> dict[str, 
         "exit_reason": reason,
         "late_s": train.late_s,
         "protection_brakes": [plain(each) for each in train.train.brakes],
+        "hops": means_of([hop for trip in train.train.trips for hop in trip.hops]),
         "trips": [plain(trip) for trip in train.train.trips],
     }
 

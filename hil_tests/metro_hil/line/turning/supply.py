@@ -42,6 +42,9 @@ class FedTrain(Protocol):
     def on_network(self) -> bool: ...
 
     @property
+    def front(self) -> TrackPlace: ...
+
+    @property
     def middle(self) -> TrackPlace: ...
 
     def feed(self, feed: TrainFeed, due: Due) -> None: ...
@@ -57,7 +60,9 @@ class FleetSupply:
         self.coupling = PowerCoupling(supply)
         self.rows: list[SupplyRow] = []
         """One row each second."""
-        self._axis = NetworkAxis(network)
+        self._network, self._axis = network, NetworkAxis(network)
+        sections = (each for track in network.tracks for each in track.power_sections)
+        self.coupling.books.name_sections(each.name for each in sections)
         self._at_m: dict[int, float] = {}
         """Place of each train on the network's axis in the last interval."""
         self._period_ns = round(max(headway_s, INTERVAL_S) * NS_PER_S)
@@ -81,6 +86,7 @@ class FleetSupply:
         feeds = self.coupling.feed(loads)
         for (train, due), feed in zip(fed, feeds, strict=True):
             train.feed(feed, due)
+            self._book_section(train, feed.net_j)
         if now_ns % ROW_NS == 0:
             volts = {
                 train.number: feed.voltage_v
@@ -90,6 +96,16 @@ class FleetSupply:
             self.rows.append(SupplyRow(now_ns / NS_PER_S, volts, self.coupling.substations_w))
         if all(train.on_network for train in trains):
             self._note(now_ns)
+
+    def _book_section(self, train: FedTrain, net_j: float) -> None:
+        """Book the energy of a train in the power section of its front."""
+        if not train.on_network:
+            return
+        front = train.front
+        for each in self._network.track(front.track).power_sections:
+            if each.start_m <= front.at_m <= each.end_m:
+                self.coupling.books.book_section(each.name, net_j)
+                return
 
     def _note(self, now_ns: int) -> None:
         """Note the books while all trains run."""

@@ -9,6 +9,7 @@ from firmware_py.trackdb import LineMap
 from firmware_py.trackdb.paths import TrackPlace
 from metro_hil.line.turning.plan import FleetPlan
 from metro_hil.metrics.case import MemoryLog
+from metro_hil.metrics.hops import HopEnergy, measure_hops
 from metro_hil.metrics.stops import StationStop, measure_stops
 from metro_hil.model.mission import Journey
 from metro_hil.model.run_folder import RunFolder
@@ -68,6 +69,7 @@ class TripRecord:
     ended_s: float | None = None
     """When the train had arrived; None: it did not."""
     stops: list[StationStop] = field(default_factory=list)
+    hops: list[HopEnergy] = field(default_factory=list)
     frames: int = 0
 
 
@@ -131,6 +133,12 @@ class TurningTrain:
     def on_network(self) -> bool:
         """Whether the train has entered and not left."""
         return self.bench is not None
+
+    @property
+    def front(self) -> TrackPlace:
+        """True place of the train's front. Call it for a train on the network only."""
+        body = self.interlocking.body
+        return body.path.to_track(body.end_m)
 
     @property
     def middle(self) -> TrackPlace:
@@ -360,8 +368,9 @@ class TurningTrain:
         if self._masters is not None:
             self._masters.leave(self._path_name(), self.number)
         record.frames = bench.bus.statistics().frames
-        stops = self._plan.trips[record.index].journey.stops
-        record.stops = measure_stops(self._rows.columns(), stops)
+        stops, truth = self._plan.trips[record.index].journey.stops, self._rows.columns()
+        record.stops = measure_stops(truth, stops)
+        record.hops = measure_hops(truth, record.start, record.stops)
         self.lost_log_lines += bench.lost_log_lines
 
     def _path_name(self) -> str:

@@ -15,14 +15,15 @@ from firmware_py.storage.recorder import loss_text
 from firmware_py.storage.whole_file import write_whole
 from metro_hil.line.energy import (
     COLUMNS,
-    J_PER_KWH,
     cells_of,
     keys_of_network,
     keys_of_train,
+    section_table,
     summary_of,
 )
 from metro_hil.line.virtual.coordinator import LineRecord, TrainDiedError, conduct
 from metro_hil.line.virtual.member import LinePlan, VirtualTrainReport, plan_line
+from metro_hil.metrics.hops import hop_table, means_of
 from metro_hil.model.end_condition import DURATION, INTERRUPTED
 from metro_hil.model.run_folder import make_run_folder, plain, write_config
 from metro_hil.model.run_options import (
@@ -82,6 +83,8 @@ def run(options: RunOptions, console: Console) -> int:
     reason = INTERRUPTED if interrupts.asked else DURATION
     document = as_document(plan, record, reason)
     _show(console, record, document, factor)
+    if options.hops:
+        console.print(hop_table(document["hops"]))
     write_whole(folder.results, json.dumps(document, indent=2) + "\n")
     from metro_hil.line.virtual import figures
 
@@ -127,14 +130,7 @@ def as_document(plan: LinePlan, record: LineRecord, exit_reason: str) -> dict[st
         "exit_reason": exit_reason,
         "duration_s": record.duration_s,
         **keys_of_network(record.coupling, energies),
-        "sections": [
-            {
-                "section": name,
-                "drawn_kwh": drawn_j / J_PER_KWH,
-                "returned_kwh": record.coupling.books.fed_back_j[name] / J_PER_KWH,
-            }
-            for name, drawn_j in record.coupling.books.drawn_j.items()
-        ],
+        "hops": means_of([hop for report in record.reports for hop in report.hops]),
         "runs": len(runs),
         "on_time_ratio": sum(on_time) / max(1, len(on_time)),
         "worst_late_s": max((abs(run.late_s) for run in runs), default=0.0),
@@ -171,11 +167,7 @@ def _show(console: Console, record: LineRecord, document: dict[str, Any], factor
         )
     console.print(table)
     if document["sections"]:
-        sections = Table("power section", "drawn", "returned")
-        for row in document["sections"]:
-            energies = (f"{row[key]:.1f} kWh" for key in ("drawn_kwh", "returned_kwh"))
-            sections.add_row(row["section"], *energies)
-        console.print(sections)
+        console.print(section_table(document["sections"]))
     gap = document["least_gap_m"]
     parts = [
         _on_time(document),

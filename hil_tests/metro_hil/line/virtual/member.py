@@ -1,11 +1,13 @@
 """One train of a line in virtual time: controller, plant and bus, run interval by interval."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from can_dbc.vobc import Supervision
 from firmware_py.trackdb import LineMap
 from metro_hil.line.energy import TrainEnergy, energy_of
+from metro_hil.metrics.hops import HopEnergy, MeterReading, hop_between, read_meter
 from metro_hil.model.frame_hash import FrameHash
 from metro_hil.model.mission import Journey, check_reference
 from metro_hil.model.run_folder import RunFolder
@@ -79,9 +81,35 @@ class VirtualTrainReport(NamedTuple):
     frames: int
     frame_chain: str
     runs: tuple[StationRun, ...]
+    hops: tuple[HopEnergy, ...]
+    """Energies of the runs."""
     emergencies: int
     energy: TrainEnergy
     lost_log_lines: int
+
+
+class HopMeter:
+    """Reads the meter of a train between its stops, once an interval."""
+
+    def __init__(self, start: str, left: MeterReading) -> None:
+        """Args:
+        start: station of the first departure.
+        """
+        self.found: list[HopEnergy] = []
+        self._from, self._left = start, left
+
+    def look(self, now: MeterReading, runs: Sequence[StationRun], *, stands: bool) -> None:
+        """Args:
+        runs: all runs that have ended.
+        stands: whether the train stands at a platform.
+        """
+        if len(runs) > len(self.found):
+            run = runs[-1]
+            time_s = run.arrived_s - run.left_s
+            self.found.append(hop_between((self._from, run.station), time_s, self._left, now))
+            self._from = run.station
+        if stands:
+            self._left = now
 
 
 class VirtualTrain:
@@ -107,6 +135,8 @@ class VirtualTrain:
             start_ns=0,
             leader_rear_m=leader_rear_m(plan.traffic, plan.starts, index, scenario.train.length_m),
         )
+        self._power = self._bench.plant.world.power
+        self._hops = HopMeter(start.station.name, read_meter(self._power))
         self._intervals = 0
         self._emergency = False
         self._emergencies = 0
@@ -118,7 +148,11 @@ class VirtualTrain:
         emergency = self._bench.vobc.output.supervision is Supervision.EMERGENCY
         self._emergencies += emergency and not self._emergency
         self._emergency = emergency
-        return self.member.says(end_ns)
+        report = self.member.says(end_ns)
+        dispatcher = self.member.dispatcher
+        stands = dispatcher.at_platform and report.speed_mps == 0.0
+        self._hops.look(read_meter(self._power), dispatcher.runs, stands=stands)
+        return report
 
     def on_message(self, answer: CouplingAnswer) -> None:
         self.member.on_message(answer)
@@ -131,7 +165,8 @@ class VirtualTrain:
             frames=self.chain.frames,
             frame_chain=self.chain.value,
             runs=tuple(self.member.dispatcher.runs),
+            hops=tuple(self._hops.found),
             emergencies=self._emergencies,
-            energy=energy_of(self._bench.plant.world.power),
+            energy=energy_of(self._power),
             lost_log_lines=self._bench.lost_log_lines,
         )

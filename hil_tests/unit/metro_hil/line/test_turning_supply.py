@@ -1,5 +1,6 @@
 """The supply of trains that turn round: places on it, its energy, and supplies that do not fit."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb.circuit import load_network
-from firmware_py.trackdb.network import Running
+from firmware_py.trackdb.network import Running, TrackZone
 from firmware_py.trackdb.paths import TrackPlace
 from metro_hil.line.energy import energy_of, keys_of_network
 from metro_hil.line.turning.supply import FleetSupply
@@ -38,8 +39,9 @@ TRAIN: Final = load_train("typeB4")
 class StandIn:
     """A train whose motors do what a test says."""
 
-    def __init__(self, number: int, middle: TrackPlace) -> None:
+    def __init__(self, number: int, middle: TrackPlace, front: TrackPlace | None = None) -> None:
         self.number, self.middle, self.on_network = number, middle, True
+        self.front = front or middle
         self.power: HighVoltageBox | None = HighVoltageBox(
             TRAIN.supply,
             step_s=STEP_S,
@@ -125,6 +127,36 @@ def test_the_last_energy_of_a_train_that_leaves_is_booked_once() -> None:
 
     assert train.box.drawn_j == pytest.approx(train.box.traction_j + train.box.auxiliary_j)
     assert supply.coupling.books.trains_j == pytest.approx(train.box.drawn_j)
+
+
+def test_the_energy_of_a_train_belongs_to_the_power_section_of_its_front() -> None:
+    """The border lies at 700 m of both running tracks; the tracks at the ends have no section."""
+    running = [
+        replace(
+            TERMINUS.track(name),
+            power_sections=(TrackZone(180.0, 700.0, "S1"), TrackZone(700.0, 1275.0, "S2")),
+        )
+        if name in ("east", "west")
+        else TERMINUS.track(name)
+        for name in (track.name for track in TERMINUS.tracks)
+    ]
+    trains = [
+        StandIn(1, place("east", 650.0), place("east", 700.5)),
+        StandIn(2, place("west", 750.0), place("west", 699.5)),
+        StandIn(3, place("south", 60.0)),
+    ]
+    supply = FleetSupply(ONE_END, replace(TERMINUS, tracks=tuple(running)), headway_s=0.0)
+    for train, power_w in zip(trains, (-1.5e6, 0.5e6, 0.2e6), strict=True):
+        train.work(power_w)
+
+    supply.step(INTERVAL_NS, trains)
+
+    books = supply.coupling.books
+    assert books.drawn_j == {"S1": pytest.approx(trains[1].box.drawn_j), "S2": 0.0}
+    assert books.fed_back_j == {"S1": 0.0, "S2": pytest.approx(trains[0].box.returned_j)}
+    assert trains[0].box.returned_j > 0.0 < trains[1].box.drawn_j
+    keys = keys_of_network(supply.coupling, [energy_of(train.box) for train in trains])
+    assert [row["section"] for row in keys["sections"]] == ["S1", "S2"]
 
 
 def test_the_full_service_is_a_whole_number_of_headways_with_all_trains() -> None:
