@@ -81,7 +81,8 @@ class FleetSupply:
                 self._at_m[train.number] = self._axis.place_m(train.middle)
             wish, due = train.power.take_load(INTERVAL_S)
             if train.on_network or any(due):
-                loads.append(Load(self._at_m[train.number], *wish))
+                powers_w = wish.traction_w, wish.regenerated_w, wish.auxiliary_w
+                loads.append(Load(self._at_m[train.number], *powers_w))
                 fed.append((train, due))
         feeds = self.coupling.feed(loads)
         for (train, due), feed in zip(fed, feeds, strict=True):
