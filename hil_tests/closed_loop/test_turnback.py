@@ -205,6 +205,8 @@ def test_in_a_loop_the_train_goes_on_with_the_same_cab(tmp_path: Path) -> None:
         ('route = "back"', 'route = "bak"', "shuttle.toml:12: trips[1].route: 'bak': not a route"),
         ("layover_s = 20.0", 'start = "Pier"', "trips[1].start: 'Pier': the trip before ends at"),
         ("Pier = 25.0", "Peer = 25.0", "trips[1].dwell_s: 'Peer': no stop on route back; nearest"),
+        ("dwell_s = { Pier", "run_s = { Peer", "trips[1].run_s: 'Peer': no stop on route back; ne"),
+        ("dwell_s = { Pier = 25.0", "run_s = { Pier = -1.0", "run_s.Pier -1 is not in 0..600"),
         ("layover_s = 20.0", 'end = "Siding"', "trips[1]: end Siding: lies at 145 m, not beyond"),
         ("layover_s = 20.0", "layover_s = 601.0", "layover_s 601.0 is not in 0..600"),
         ("round_trips = 2", "round_trips = 0", "round_trips 0 is not in 1..100"),

@@ -88,7 +88,7 @@ def _read_service(
         alone = {**train, "line": with_route(written, route), "start": trip.start, "end": trip.end}
         for key in OF_SERVICE:
             alone.pop(key, None)
-        table = {"dwell_s": dict(trip.dwell_s)}
+        table = {"dwell_s": dict(trip.dwell_s), "run_s": dict(trip.run_s)}
         read = read_setup({"train": alone, "timetable": table}, sources, findings)
         if read is None or len(findings.found) > before:
             return None
@@ -110,7 +110,9 @@ def _read_service(
             findings.add("train.supply", str(error))
             return None
         kept["supply"] = supply[0]
-    return msgspec.structs.replace(reads[0], service=name, start=None, end=None, dwell_s={}, **kept)
+    return msgspec.structs.replace(
+        reads[0], service=name, start=None, end=None, dwell_s={}, run_s={}, **kept
+    )
 
 
 def _given(

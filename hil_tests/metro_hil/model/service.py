@@ -37,14 +37,18 @@ class Trip:
     """Stations to stop at, the last included. Default: all."""
     dwell_s: Mapping[str, float] = field(default_factory=dict)
     """Dwell times by station; at other stations the file of the line applies."""
+    run_s: Mapping[str, float] = field(default_factory=dict)
+    """Planned running times by the station where the run ends; of others the line's file applies.
+    """
     layover_s: float = 0.0
     """Time for which the wayside keeps the train at the start of the trip."""
 
     def __post_init__(self) -> None:
         check_ranges(self, {"layover_s": (0.0, LAYOVER_MAX_S)})
-        for station, dwell_s in self.dwell_s.items():
-            if not 0.0 <= dwell_s <= DWELL_MAX_S:
-                raise ValueError(f"dwell_s.{station} {dwell_s:g} is not in 0..{DWELL_MAX_S:g}")
+        for key, times_s in (("dwell_s", self.dwell_s), ("run_s", self.run_s)):
+            for station, time_s in times_s.items():
+                if not 0.0 <= time_s <= DWELL_MAX_S:
+                    raise ValueError(f"{key}.{station} {time_s:g} is not in 0..{DWELL_MAX_S:g}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,12 +94,17 @@ class PlannedTrip:
     end: str
     stops: tuple[str, ...] | None
     dwell_s: Mapping[str, float]
+    run_s: Mapping[str, float]
     layover_s: float
 
     def timed(self, line: LineMap) -> LineMap:
-        """The line with the dwell times of the trip."""
+        """The line with the dwell and running times of the trip."""
         stations = tuple(
-            replace(each, dwell_s=self.dwell_s.get(each.name, each.dwell_s))
+            replace(
+                each,
+                dwell_s=self.dwell_s.get(each.name, each.dwell_s),
+                run_s=self.run_s.get(each.name, each.run_s),
+            )
             for each in line.stations
         )
         return replace(line, stations=stations)
@@ -199,7 +208,13 @@ def _planned(
     names = [station.name for station in path.line.stations]
     start = trip.start or (before.end if before else names[0])
     end = trip.end or names[-1]
-    given = {"start": [start], "end": [end], "stops": trip.stops or (), "dwell_s": trip.dwell_s}
+    given = {
+        "start": [start],
+        "end": [end],
+        "stops": trip.stops or (),
+        "dwell_s": trip.dwell_s,
+        "run_s": trip.run_s,
+    }
     for key, stations in given.items():
         for station in stations:
             if station not in names:
@@ -212,7 +227,8 @@ def _planned(
             f"{where}.start: {start!r}: the trip before{' (the last one)' if again else ''} ends "
             f"at {before.end}; let the train start there"
         )
-    planned = PlannedTrip(name, path, start, end, trip.stops, trip.dwell_s, trip.layover_s)
+    times_s = trip.dwell_s, trip.run_s, trip.layover_s
+    planned = PlannedTrip(name, path, start, end, trip.stops, *times_s)
     try:
         planned.mission(planned.timed(path.line))
     except (SettingsError, ValueError) as error:

@@ -117,6 +117,7 @@ def single_trip(case: Case, trip: PlannedTrip, left_s: float) -> Case:
         end=trip.end,
         stops=trip.stops,
         dwell_s=dict(trip.dwell_s),
+        run_s=dict(trip.run_s),
         duration_s=left_s,
     )
     return msgspec.structs.replace(case, setup=setup)

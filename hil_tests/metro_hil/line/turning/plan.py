@@ -117,7 +117,9 @@ def plan_fleet(options: RunOptions) -> FleetPlan:
     trips: list[TripPlan] = []
     planned = trips_of(options)
     for trip, chosen in zip(planned, options_of(options, planned), strict=True):
-        key = repr((trip.line, trip.start, trip.end, trip.stops, dict(trip.dwell_s)))
+        key = repr(
+            (trip.line, trip.start, trip.end, trip.stops, dict(trip.dwell_s), dict(trip.run_s))
+        )
         if key not in plans:
             plans[key] = _trip_plan(trip, chosen, config)
         trips.append(replace(plans[key], trip=trip))
