@@ -3,18 +3,22 @@
 Each train leaves the first station one headway after the train before, takes the planned time for
 each run and dwells by chance. Its power comes from the designed run of that time. The network is
 solved step by step with the mean powers. Trains do not hinder one another here.
+
+A timetable is a list of times in s: the running time of each hop, and behind them whatever else a
+kind of service may choose.
 """
 
 import itertools
 import math
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from firmware_py.settings import SettingsError
-from firmware_py.trackdb import LineMap
+from firmware_py.trackdb import LineMap, Station
 from metro_hil.energy.running_curve.design import TIME_TOLERANCE_S, Hop
 from metro_hil.energy.running_curve.net import with_thrift
 from metro_hil.energy.running_curve.trace import trace
@@ -31,6 +35,18 @@ OFF_TIME_S: Final = 0.3
 """Greatest difference of a designed run from its planned time."""
 USE_RATIO: Final = 1.0
 """Share of the regenerated energy that the design of single runs takes as used."""
+REACH_S: Final = 12.0
+"""Greatest change of one running time by a search."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedHop:
+    """A run from one stop to the next."""
+
+    line: LineMap
+    start: Station
+    end: Station
+    """With the planned running time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +56,7 @@ class RunProfile:
     time_s: Numbers
     """Since the departure."""
     at_m: Numbers
-    """Chainage of the front."""
+    """Place on the supply."""
     drawn_j: Numbers
     """Electrical energy of traction so far."""
     given_j: Numbers
@@ -62,52 +78,75 @@ class ServiceResults:
     lowest_v: float
 
 
-class ServiceLine:
-    """A line with its traffic, train and supply."""
+class DesignedService(ABC):
+    """A service whose trains take designed runs, on its supply."""
 
     def __init__(
         self,
-        traffic: TrafficConfig,
-        line: LineMap,
+        hops: Sequence[PlannedHop],
         train: RunningTrain,
         supply: Supply,
+        *,
+        headway_s: float,
+        source: str,
     ) -> None:
-        lap = traffic.stations_a_lap
-        self.stations = line.stations[: lap + 1] if traffic.circular else line.stations
-        """The stations of a lap; on a circuit also the first one of the next lap."""
-        self.circular = traffic.circular
-        self._traffic, self._line, self._train, self._supply = traffic, line, train, supply
-        self._hops: dict[int, Hop] = {}
+        """Args:
+        hops: of a lap, a round trip or an open line.
+        source: begin of messages about a running time.
+        """
+        self.hops, self.headway_s = tuple(hops), headway_s
+        self.ends = [hop.end.name for hop in hops]
+        """Station at which each hop ends, as a file of running times names it."""
+        self._train, self._supply, self._source = train, supply, source
+        self._designed: dict[int, Hop] = {}
         self._profiles: dict[tuple[int, float], RunProfile | None] = {}
 
-    def timetable(self, runs_s: Sequence[float]) -> LapTimetable:
-        """The timetable with these running times. Raises SettingsError."""
-        timed = [
-            replace(station, run_s=run_s)
-            for station, run_s in zip(self.stations[1:], runs_s, strict=True)
-        ]
-        rest = self._line.stations[len(self.stations) :]
-        line = replace(self._line, stations=(self.stations[0], *timed, *rest))
-        return lap_timetable(self._traffic, line)
-
-    def trips(self, runs_s: Sequence[float]) -> list[list[int]]:
+    @abstractmethod
+    def trips(self, times_s: Sequence[float]) -> list[list[int]]:
         """Hops by trip. Within a trip only running times and dwells decide, no clock."""
-        timetable = self.timetable(runs_s)
-        found: list[list[int]] = [[]]
-        for index in range(len(runs_s)):
-            if index + 1 == len(timetable.leaves_s) or timetable.fixed[index + 1]:
-                found.append([])
-            else:
-                found[-1].append(index)
-        return [hops for hops in found if hops]
+
+    @abstractmethod
+    def simulate(self, times_s: Sequence[float], *, seed: int, step_s: float) -> ServiceResults:
+        """Run the service with the dwells of a seed. Raises SettingsError."""
+
+    @abstractmethod
+    def _places_m(self, index: int, front_m: Numbers) -> Numbers:
+        """Places on the supply of a train with its front at these chainages of a hop's line."""
+
+    def starts(self, begin_s: Sequence[float]) -> list[list[float]]:
+        """Timetables from which a search may begin, besides `begin_s`."""
+        return []
+
+    def moves(self, times_s: Sequence[float]) -> list[Mapping[int, float]]:
+        """Proposals of a search: factors of the step by the index of the time that it changes.
+
+        They move seconds between the runs before and after one station.
+        """
+        return [
+            {before: sign, before + 1: -sign}
+            for hops in self.trips(times_s)
+            for before in hops[:-1]
+            for sign in (-1.0, 1.0)
+        ]
+
+    def permits(
+        self, times_s: Sequence[float], begin_s: Sequence[float], changed: Mapping[int, float]
+    ) -> bool:
+        """Whether a search that began with `begin_s` may choose these times."""
+        return all(
+            abs(times_s[hop] - begin_s[hop]) <= REACH_S
+            and self.profile(hop, times_s[hop]) is not None
+            for hop in changed
+            if hop < len(self.hops)
+        )
 
     def hop(self, index: int) -> Hop:
-        """The hop behind the station with this index, with the net of its runs."""
-        if index not in self._hops:
-            names = [self.stations[index].name, self.stations[index + 1].name]
-            track = track_between(self._line, self._train, *names)[2]
-            self._hops[index] = Hop(self._train, with_thrift(self._train, track, USE_RATIO))
-        return self._hops[index]
+        """The hop with the net of its runs."""
+        if index not in self._designed:
+            hop = self.hops[index]
+            track = track_between(hop.line, self._train, hop.start.name, hop.end.name)[2]
+            self._designed[index] = Hop(self._train, with_thrift(self._train, track, USE_RATIO))
+        return self._designed[index]
 
     def profile(self, index: int, run_s: float) -> RunProfile | None:
         """The designed run of this time; None if this train has none."""
@@ -128,77 +167,50 @@ class ServiceLine:
                 given_j *= self._train.regeneration_efficiency(middle_mps, force_n)
                 found = RunProfile(
                     run.time_s,
-                    self.stations[index].stop_m + run.at_m,
+                    self._places_m(index, self.hops[index].start.stop_m + run.at_m),
                     np.concatenate([[0.0], np.cumsum(drawn_j)]),
                     np.concatenate([[0.0], np.cumsum(given_j)]),
                 )
             self._profiles[key] = found
         return self._profiles[key]
 
-    def profiles(self, runs_s: Sequence[float]) -> list[RunProfile]:
-        """All runs of a lap. Raises SettingsError for a time without a designed run."""
+    def profiles(self, times_s: Sequence[float]) -> list[RunProfile]:
+        """The runs of all hops. Raises SettingsError for a time without a designed run."""
         found = []
-        for index, run_s in enumerate(runs_s):
-            profile = self.profile(index, run_s)
+        for index in range(len(self.hops)):
+            profile = self.profile(index, times_s[index])
             if profile is None:
                 fastest_s = float(np.min(self.hop(index).net.time_s))
                 raise SettingsError(
-                    f"traffic {self._traffic.name}: runs_s: {self.stations[index + 1].name}: "
-                    f"{self._train.name} has no run of {run_s:.1f} s; its fastest one takes "
-                    f"{fastest_s:.1f} s"
+                    f"{self._source}: {self.ends[index]}: {self._train.name} has no run of "
+                    f"{times_s[index]:.1f} s; its fastest one takes {fastest_s:.1f} s"
                 )
             found.append(profile)
         return found
 
-    def _dwells_s(self, seed: int, trains: int) -> Numbers:
-        """Dwells by train and station, (trains, stations); the same for all running times."""
-        spread_s = self._traffic.dwell_spread_s
-        chance = np.random.default_rng(seed).random((trains, len(self.stations)))
-        return self._traffic.dwell_s + spread_s * (2.0 * chance - 1.0)
+    def _energy(
+        self,
+        times_s: Sequence[float],
+        leaves_s: Sequence[Sequence[float]],
+        *,
+        counted: int,
+        end_s: float,
+        step_s: float,
+    ) -> ServiceResults:
+        """The energy from 0 s to `end_s`.
 
-    def simulate(self, runs_s: Sequence[float], *, seed: int, step_s: float) -> ServiceResults:
-        """Run the service with the dwells of a seed.
-
-        On an open line all trains run once to the last station. On a circuit `CIRCUIT_HEADWAYS`
-        count, after a lap that fills it.
+        Args:
+            leaves_s: departures of each train, and at last the time at which it is gone. The last
+                `counted` trains leave one headway after the other, the first of them at 0 s; the
+                others before.
         """
-        traffic = self._traffic
-        timetable = self.timetable(runs_s)
-        profiles = self.profiles(runs_s)
-        slack_s = traffic.dwell_spread_s * len(self.stations)
-        trip_s = timetable.leaves_s[-1] + slack_s
-        ahead, counted, end_s = 0, traffic.trains, (traffic.trains - 1) * traffic.headway_s + trip_s
-        if traffic.circular:
-            ahead = math.ceil((timetable.lap_s + slack_s) / traffic.headway_s)
-            counted, end_s = CIRCUIT_HEADWAYS, CIRCUIT_HEADWAYS * traffic.headway_s
-        dwells_s = self._dwells_s(seed, ahead + counted)
+        profiles, ahead = self.profiles(times_s), len(leaves_s) - counted
         edges_s = np.arange(math.ceil(end_s / step_s) + 1, dtype=np.float64) * step_s
         rows = [
-            self._powers(
-                profiles,
-                self._departures_s(timetable, runs_s, dwells_s[train]),
-                edges_s - (train - ahead) * traffic.headway_s,
-            )
-            for train in range(ahead + counted)
+            self._powers(profiles, leaves, edges_s - (train - ahead) * self.headway_s)
+            for train, leaves in enumerate(leaves_s)
         ]
         return self._account(rows, step_s, counted)
-
-    def _departures_s(
-        self, timetable: LapTimetable, runs_s: Sequence[float], dwells_s: Numbers
-    ) -> list[float]:
-        """Departure from each station, and at last the time at which the train is gone."""
-        leaves_s = [0.0]
-        for index, run_s in enumerate(runs_s, start=1):
-            arrival_s = leaves_s[-1] + run_s
-            if index == len(timetable.leaves_s):
-                return [*leaves_s, max(arrival_s, timetable.lap_s)]
-            if timetable.at_once[index]:
-                leaves_s.append(arrival_s + TERMINAL_S)
-            elif timetable.fixed[index]:
-                leaves_s.append(max(arrival_s, timetable.leaves_s[index]))
-            else:
-                leaves_s.append(arrival_s + float(dwells_s[index]))
-        return leaves_s
 
     def _powers(
         self, profiles: Sequence[RunProfile], leaves_s: Sequence[float], edges_s: Numbers
@@ -220,14 +232,14 @@ class ServiceLine:
     def _account(
         self, rows: Sequence[tuple[Numbers, Numbers, Numbers]], step_s: float, trains: int
     ) -> ServiceResults:
-        network, traffic = self._supply.network(), self._traffic
+        network = self._supply.network()
         stored_j = sum(network.charges_j)
         sums_w = np.zeros(5)
         lowest_v = self._supply.no_load_v
         for step in range(len(rows[0][0])):
             loads = [
                 Load(
-                    traffic.place_m(float(place_m[step])),
+                    float(place_m[step]),
                     float(wants_w[step]),
                     float(gives_w[step]),
                     self._train.auxiliary_w,
@@ -258,3 +270,91 @@ class ServiceLine:
             unserved_kwh=kwh[4],
             lowest_v=lowest_v,
         )
+
+
+class ServiceLine(DesignedService):
+    """A line with its traffic, train and supply."""
+
+    def __init__(
+        self, traffic: TrafficConfig, line: LineMap, train: RunningTrain, supply: Supply
+    ) -> None:
+        lap = traffic.stations_a_lap
+        stations = line.stations[: lap + 1] if traffic.circular else line.stations
+        super().__init__(
+            [PlannedHop(line, *ends) for ends in itertools.pairwise(stations)],
+            train,
+            supply,
+            headway_s=traffic.headway_s,
+            source=f"traffic {traffic.name}: runs_s",
+        )
+        if traffic.circular:
+            self.ends[-1] = stations[0].name
+        self.stations = stations
+        """The stations of a lap; on a circuit also the first one of the next lap."""
+        self._traffic, self._line = traffic, line
+
+    def timetable(self, runs_s: Sequence[float]) -> LapTimetable:
+        """The timetable with these running times. Raises SettingsError."""
+        timed = [
+            replace(station, run_s=run_s)
+            for station, run_s in zip(self.stations[1:], runs_s, strict=True)
+        ]
+        rest = self._line.stations[len(self.stations) :]
+        line = replace(self._line, stations=(self.stations[0], *timed, *rest))
+        return lap_timetable(self._traffic, line)
+
+    def trips(self, times_s: Sequence[float]) -> list[list[int]]:
+        timetable = self.timetable(times_s)
+        found: list[list[int]] = [[]]
+        for index in range(len(times_s)):
+            if index + 1 == len(timetable.leaves_s) or timetable.fixed[index + 1]:
+                found.append([])
+            else:
+                found[-1].append(index)
+        return [hops for hops in found if hops]
+
+    def _dwells_s(self, seed: int, trains: int) -> Numbers:
+        """Dwells by train and station, (trains, stations); the same for all running times."""
+        spread_s = self._traffic.dwell_spread_s
+        chance = np.random.default_rng(seed).random((trains, len(self.stations)))
+        return self._traffic.dwell_s + spread_s * (2.0 * chance - 1.0)
+
+    def simulate(self, times_s: Sequence[float], *, seed: int, step_s: float) -> ServiceResults:
+        """Run the service with the dwells of a seed.
+
+        On an open line all trains run once to the last station. On a circuit `CIRCUIT_HEADWAYS`
+        count, after a lap that fills it.
+        """
+        traffic = self._traffic
+        timetable = self.timetable(times_s)
+        slack_s = traffic.dwell_spread_s * len(self.stations)
+        trip_s = timetable.leaves_s[-1] + slack_s
+        ahead, counted, end_s = 0, traffic.trains, (traffic.trains - 1) * traffic.headway_s + trip_s
+        if traffic.circular:
+            ahead = math.ceil((timetable.lap_s + slack_s) / traffic.headway_s)
+            counted, end_s = CIRCUIT_HEADWAYS, CIRCUIT_HEADWAYS * traffic.headway_s
+        leaves_s = [
+            self._departures_s(timetable, times_s, dwells_s)
+            for dwells_s in self._dwells_s(seed, ahead + counted)
+        ]
+        return self._energy(times_s, leaves_s, counted=counted, end_s=end_s, step_s=step_s)
+
+    def _places_m(self, index: int, front_m: Numbers) -> Numbers:
+        return np.array([self._traffic.place_m(at_m) for at_m in front_m.tolist()])
+
+    def _departures_s(
+        self, timetable: LapTimetable, runs_s: Sequence[float], dwells_s: Numbers
+    ) -> list[float]:
+        """Departure from each station, and at last the time at which the train is gone."""
+        leaves_s = [0.0]
+        for index, run_s in enumerate(runs_s, start=1):
+            arrival_s = leaves_s[-1] + run_s
+            if index == len(timetable.leaves_s):
+                return [*leaves_s, max(arrival_s, timetable.lap_s)]
+            if timetable.at_once[index]:
+                leaves_s.append(arrival_s + TERMINAL_S)
+            elif timetable.fixed[index]:
+                leaves_s.append(max(arrival_s, timetable.leaves_s[index]))
+            else:
+                leaves_s.append(arrival_s + float(dwells_s[index]))
+        return leaves_s

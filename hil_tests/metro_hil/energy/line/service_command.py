@@ -3,7 +3,7 @@
 import argparse
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -13,13 +13,14 @@ import tomli_w
 from rich.console import Console
 from rich.table import Table
 
-from firmware_py.settings import SettingsError, is_path
+from firmware_py.settings import SettingsError, is_path, tables_of, text_of
 from firmware_py.storage.whole_file import write_whole
 from firmware_py.trackdb import Station, load_line
 from metro_hil.energy.line.meetings import find_meetings
-from metro_hil.energy.line.service import ServiceLine, ServiceResults
+from metro_hil.energy.line.service import DesignedService, ServiceLine, ServiceResults
 from metro_hil.energy.line.table_four import paired
 from metro_hil.energy.line.trip_times import HopCosts, costs_of, divide, hop_costs
+from metro_hil.energy.line.turning_service import TurningService
 from metro_hil.energy.running_curve.train import RunningTrain, load_train, of_consist
 from metro_hil.model.run_options import EXIT_OK
 from metro_hil.model.terminal import console_for
@@ -36,10 +37,10 @@ JUDGING_STEP_S: Final = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """Running times that may be chosen."""
+    """A timetable that may be chosen."""
 
     name: str
-    runs_s: Sequence[float]
+    times_s: Sequence[float]
 
 
 def free_file(name: str | None) -> Path | None:
@@ -67,7 +68,7 @@ def divide_trip(options: argparse.Namespace) -> int:
     runs_s = [round(run_s, 1) for run_s in divide(hops, sum(before_s))]
     show_trip(console, hops, before_s, runs_s)
     if out is not None:
-        write_whole(out, tomli_w.dumps({"runs_s": by_station(hops, runs_s)}))
+        write_whole(out, tomli_w.dumps({"runs_s": by_station([hop.end for hop in hops], runs_s)}))
         console.print(f"timetable: {out}", highlight=False, soft_wrap=True)
     if options.json:
         print(json.dumps({"line": line.name, "train": train.name, "runs_s": runs_s}))
@@ -80,12 +81,49 @@ def save_on_line(options: argparse.Namespace) -> int:
     Raises SettingsError. Trip times, headway and dwells stay as they are.
     """
     traffic, line, supply = plan_traffic(options.line, options.traffic, options.supply)
-    train, out = train_of(options.train, traffic.consist), free_file(options.out)
+    train = train_of(options.train, traffic.consist)
     service = ServiceLine(traffic, line, train, supply)
-    console = console_for(json=options.json)
+
+    def write(out: Path, times_s: Sequence[float]) -> None:
+        named = replace(traffic, supply=options.supply or traffic.supply)
+        write_runs(out, named, by_station(service.ends, times_s))
+
+    return _save(options, service, (line.name, train.name), (), write)
+
+
+def save_on_network(options: argparse.Namespace) -> int:
+    """Find running times and layovers with which trains that turn round take the least energy.
+
+    Raises SettingsError. Trip times, headway and dwells stay as they are.
+    """
+    for name in ("train", "supply"):
+        if getattr(options, name) is None:
+            raise SettingsError(f"--{name}: is missing; --service needs it")
+    for name in ("line", "traffic"):
+        if getattr(options, name) is not None:
+            raise SettingsError(f"--{name}: not with --service, whose file decides it")
+    train = load_train(options.train)
+    service = TurningService(options.service, options.supply, train)
+
+    def write(out: Path, times_s: Sequence[float]) -> None:
+        write_trips(out, options.service, list(service.trips_with(times_s)))
+
+    return _save(options, service, (service.network, train.name), service.layovers_s, write)
+
+
+def _save(
+    options: argparse.Namespace,
+    service: DesignedService,
+    names: tuple[str, str],
+    layovers_s: Sequence[float],
+    write: Callable[[Path, Sequence[float]], None],
+) -> int:
+    """Search, judge, print and write a timetable. Raises SettingsError."""
+    out, console = free_file(options.out), console_for(json=options.json)
     with console.status("computing runs") as status:
         hops = hops_of(service)
-        planned = planned_s(service.stations[1:], hops, options.reserve)
+        ends = [hop.end for hop in service.hops]
+        planned = [*planned_s(ends, hops, options.reserve), *layovers_s]
         divided = divided_s(service, hops, planned)
         service.profiles(planned)
         found = find_meetings(
@@ -98,21 +136,39 @@ def save_on_line(options: argparse.Namespace) -> int:
         candidates = (
             Candidate("as planned", planned),
             Candidate("divided by least energy", divided),
-            Candidate("with meeting trains", found.runs_s),
+            Candidate("with meeting trains", found.times_s),
         )
         # Dwells that the search did not use choose, and others judge.
         chosen = min(candidates, key=lambda each: _mean_kwh(_judge(service, each, CHOOSING_SEEDS)))
         judged = [_judge(service, each, JUDGING_SEEDS) for each in candidates]
-    show_trip(console, hops, planned, chosen.runs_s)
-    rows = _show_candidates(console, candidates, judged, chosen)
+    count = len(hops)
+    show_trip(console, hops, planned[:count], chosen.times_s[:count])
+    if layovers_s:
+        console.print(_layovers_text(layovers_s, chosen.times_s[count:]), highlight=False)
+    rows = _show_candidates(console, candidates, judged, chosen, count)
     if out is not None:
-        traffic = replace(traffic, supply=options.supply or traffic.supply)
-        write_runs(out, traffic, by_station(hops, chosen.runs_s))
+        write(out, chosen.times_s)
         console.print(f"timetable: {out}", highlight=False, soft_wrap=True)
     if options.json:
-        document = {"line": line.name, "train": train.name, "runs_s": list(chosen.runs_s)}
-        print(json.dumps({**document, "chosen": chosen.name, "timetables": rows}))
+        line, train = names
+        document = {"line": line, "train": train, **_times_of(chosen, count), "chosen": chosen.name}
+        print(json.dumps({**document, "timetables": rows}))
     return EXIT_OK
+
+
+def _times_of(candidate: Candidate, hops: int) -> dict[str, Any]:
+    """Running times, and layovers if there are any, for JSON."""
+    layovers_s = list(candidate.times_s[hops:])
+    runs_s = list(candidate.times_s[:hops])
+    return {"runs_s": runs_s, **({"layovers_s": layovers_s} if layovers_s else {})}
+
+
+def _layovers_text(before_s: Sequence[float], after_s: Sequence[float]) -> str:
+    changes = [
+        f"{after:g} s instead of {before:g} s before trip {trip}"
+        for trip, (before, after) in enumerate(zip(before_s, after_s, strict=True), start=2)
+    ]
+    return f"layovers: {', '.join(changes)}"
 
 
 def train_of(name: str | None, consist: str) -> RunningTrain:
@@ -120,14 +176,11 @@ def train_of(name: str | None, consist: str) -> RunningTrain:
     return of_consist(load_consist(consist)) if name is None else load_train(name)
 
 
-def hops_of(service: ServiceLine) -> list[HopCosts]:
-    """The energy of each hop of a lap over its running time."""
-    names = [station.name for station in service.stations]
-    if service.circular:
-        names[-1] = names[0]
+def hops_of(service: DesignedService) -> list[HopCosts]:
+    """The energy of each hop of a lap or round trip over its running time."""
     return [
-        costs_of(names[index], names[index + 1], service.hop(index), 1.0)
-        for index in range(len(names) - 1)
+        costs_of(hop.start.name, end, service.hop(index), 1.0)
+        for index, (hop, end) in enumerate(zip(service.hops, service.ends, strict=True))
     ]
 
 
@@ -142,7 +195,7 @@ def planned_s(
 
 
 def divided_s(
-    service: ServiceLine, hops: Sequence[HopCosts], planned: Sequence[float]
+    service: DesignedService, hops: Sequence[HopCosts], planned: Sequence[float]
 ) -> list[float]:
     """Divide the time of each trip among its hops by least energy. Raises SettingsError."""
     runs_s = list(planned)
@@ -154,9 +207,9 @@ def divided_s(
 
 
 def _judge(
-    service: ServiceLine, candidate: Candidate, seeds: Sequence[int]
+    service: DesignedService, candidate: Candidate, seeds: Sequence[int]
 ) -> list[ServiceResults]:
-    return [service.simulate(candidate.runs_s, seed=s, step_s=JUDGING_STEP_S) for s in seeds]
+    return [service.simulate(candidate.times_s, seed=s, step_s=JUDGING_STEP_S) for s in seeds]
 
 
 def _mean_kwh(results: Sequence[ServiceResults]) -> float:
@@ -168,9 +221,10 @@ def _show_candidates(
     candidates: Sequence[Candidate],
     judged: Sequence[Sequence[ServiceResults]],
     chosen: Candidate,
+    hops: int,
 ) -> list[dict[str, Any]]:
     """Print the comparison, and return it for JSON."""
-    table = Table("running times", "kWh a train", "against planned [95 %]", "burnt", "lowest V", "")
+    table = Table("timetable", "kWh a train", "against planned [95 %]", "burnt", "lowest V", "")
     rows = []
     for candidate, results in zip(candidates, judged, strict=True):
         change = paired(judged[0], results)
@@ -188,7 +242,7 @@ def _show_candidates(
         rows.append(
             {
                 "name": candidate.name,
-                "runs_s": list(candidate.runs_s),
+                **_times_of(candidate, hops),
                 "actual_kwh": kwh,
                 "change_ratio": change.mean_ratio,
                 "change_half_ratio": change.half_ratio,
@@ -198,15 +252,28 @@ def _show_candidates(
     console.print(table)
     console.print(
         f"from the grid with auxiliaries, {len(JUDGING_SEEDS)} sets of dwells that neither search "
-        "nor choice used; on an open line all trains once, on a circuit each lap",
+        "nor choice used; on an open line all trains once, on a circuit each lap, and with "
+        "--service each round trip",
         highlight=False,
     )
     return rows
 
 
-def by_station(hops: Sequence[HopCosts], runs_s: Sequence[float]) -> dict[str, float]:
+def by_station(ends: Sequence[str], runs_s: Sequence[float]) -> dict[str, float]:
     """The running times by the station where each run ends."""
-    return {hop.end: run_s for hop, run_s in zip(hops, runs_s, strict=True)}
+    return dict(zip(ends, runs_s, strict=True))
+
+
+def write_trips(
+    out: Path, service: str, trips: Sequence[tuple[Mapping[str, float], float]]
+) -> None:
+    """Write the service with these running times and layovers of its trips."""
+    document = tables_of(text_of(Path(service)), service)
+    if is_path(document["line"]):
+        document["line"] = os.path.relpath(Path(service).parent / document["line"], out.parent)
+    for table, (runs_s, layover_s) in zip(document["trips"], trips, strict=True):
+        table |= {"run_s": dict(runs_s), "layover_s": layover_s}
+    write_whole(out, tomli_w.dumps(document))
 
 
 def show_trip(

@@ -19,7 +19,12 @@ from metro_hil.energy.line.model import (
     Timetable,
     line_supply,
 )
-from metro_hil.energy.line.service_command import divide_trip, free_file, save_on_line
+from metro_hil.energy.line.service_command import (
+    divide_trip,
+    free_file,
+    save_on_line,
+    save_on_network,
+)
 from metro_hil.energy.line.simulate import dwells_of, simulate
 from metro_hil.energy.line.synchronise import TimetableSearch
 from metro_hil.energy.line.table_four import paired
@@ -33,8 +38,9 @@ DESCRIPTION: Final = (
     "headway, judged with dwells that the search did not use. For the seven trains of the "
     "Changping section, on points of mass: turnback phase, run splits, speeds to hold and points "
     "to coast from. With --traffic, for any line: running times, on designed runs and the whole "
-    "supply. With another line alone, divide the trip time among its hops so that the designed "
-    "runs take the least energy."
+    "supply. With --service, for trains that turn round: running times and layovers. With another "
+    "line alone, divide the trip time among its hops so that the designed runs take the least "
+    "energy."
 )
 JUDGING_SEEDS: Final = tuple(range(101, 107))
 
@@ -47,6 +53,9 @@ def parser() -> argparse.ArgumentParser:
         "--line", metavar="NAME|FILE", help="default: that of the traffic, or changping"
     )
     top.add_argument("--traffic", metavar="NAME|FILE", help="traffic file with line and train")
+    top.add_argument(
+        "--service", metavar="FILE", help="service file of trains that turn round on a network"
+    )
     top.add_argument(
         "--train", metavar="NAME|FILE", help="train or consist; default: that of the traffic"
     )
@@ -72,6 +81,8 @@ def main(argv: Sequence[str]) -> int:
     """Run the command; every error of the user becomes one line, never a traceback."""
     options = parser().parse_args(argv)
     try:
+        if options.service is not None:
+            return save_on_network(options)
         if options.traffic is not None:
             return save_on_line(options)
         if (options.line or CHANGPING) != CHANGPING:

@@ -8,8 +8,8 @@ import pytest
 
 from firmware_py.settings import SettingsError
 from metro_hil.energy.line import timetable_command
-from metro_hil.energy.line.meetings import REACH_S, find_meetings
-from metro_hil.energy.line.service import ServiceLine
+from metro_hil.energy.line.meetings import find_meetings
+from metro_hil.energy.line.service import REACH_S, ServiceLine
 from metro_hil.energy.line.service_command import train_of
 from metro_hil.energy.running_curve.train import load_train, of_consist
 from plant_emulator.traffic.config import load_traffic, plan_traffic
@@ -100,9 +100,9 @@ def test_the_search_keeps_trip_times_and_finds_less_energy_on_its_dwells(tmp_pat
     again = find_meetings(short, begin_s, seed=1, budget=5)
 
     assert found == again
-    assert sum(found.runs_s) == pytest.approx(sum(begin_s))
-    assert all(abs(run_s - 50.0) <= REACH_S for run_s in found.runs_s)
-    before, after = (short.simulate(runs, seed=1, step_s=1.0) for runs in (begin_s, found.runs_s))
+    assert sum(found.times_s) == pytest.approx(sum(begin_s))
+    assert all(abs(run_s - 50.0) <= REACH_S for run_s in found.times_s)
+    before, after = (short.simulate(runs, seed=1, step_s=1.0) for runs in (begin_s, found.times_s))
     assert after.actual_kwh < before.actual_kwh
 
 
