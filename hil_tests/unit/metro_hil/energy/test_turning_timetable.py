@@ -82,8 +82,8 @@ def test_both_directions_run_over_the_same_supply(service: TurningService) -> No
 
 def test_a_layover_moves_the_trip_behind_it_and_nothing_before(service: TurningService) -> None:
     mean = np.array([0.5, 0.5])
-    still = service._departures_s([110.0, 110.0, 0.0], mean)
-    later = service._departures_s([110.0, 110.0, 7.0], mean)
+    still = service._departures_s([110.0, 110.0, 3.0], mean)
+    later = service._departures_s([110.0, 110.0, 10.0], mean)
 
     assert later[0] == still[0] == 0.0
     assert later[1] - still[1] == pytest.approx(7.0)
