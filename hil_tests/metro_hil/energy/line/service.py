@@ -135,6 +135,7 @@ class DesignedService(ABC):
         """Whether a search that began with `begin_s` may choose these times."""
         return all(
             abs(times_s[hop] - begin_s[hop]) <= REACH_S
+            and times_s[hop] >= self.least_s(hop)
             and self.profile(hop, times_s[hop]) is not None
             for hop in changed
             if hop < len(self.hops)
@@ -147,6 +148,10 @@ class DesignedService(ABC):
             track = track_between(hop.line, self._train, hop.start.name, hop.end.name)[2]
             self._designed[index] = Hop(self._train, with_thrift(self._train, track, USE_RATIO))
         return self._designed[index]
+
+    def least_s(self, index: int) -> float:
+        """Shortest running time of a hop that a timetable may choose."""
+        return float(np.min(self.hop(index).net.time_s))
 
     def profile(self, index: int, run_s: float) -> RunProfile | None:
         """The designed run of this time; None if this train has none."""

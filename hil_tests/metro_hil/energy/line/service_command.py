@@ -179,7 +179,7 @@ def train_of(name: str | None, consist: str) -> RunningTrain:
 def hops_of(service: DesignedService) -> list[HopCosts]:
     """The energy of each hop of a lap or round trip over its running time."""
     return [
-        costs_of(hop.start.name, end, service.hop(index), 1.0)
+        costs_of(hop.start.name, end, service.hop(index), 1.0).from_s(service.least_s(index))
         for index, (hop, end) in enumerate(zip(service.hops, service.ends, strict=True))
     ]
 

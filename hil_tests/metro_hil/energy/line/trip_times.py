@@ -32,6 +32,13 @@ class HopCosts:
     def fastest_s(self) -> float:
         return float(self.times_s[0])
 
+    def from_s(self, least_s: float) -> "HopCosts":
+        """The costs of the running times of at least this."""
+        later = self.times_s > least_s
+        times_s = np.concatenate([[max(least_s, self.fastest_s)], self.times_s[later]])
+        energies_j = np.concatenate([[self.energy_j(times_s[0])], self.energies_j[later]])
+        return HopCosts(self.start, self.end, times_s, energies_j)
+
     def energy_j(self, time_s: float) -> float:
         """Interpolate. More time than that of the cheapest run saves nothing."""
         return float(np.interp(time_s, self.times_s, self.energies_j))

@@ -38,6 +38,9 @@ START_S: Final = 2.05
 """Time from the begin of a trip until protection permits movement; a layover includes it."""
 DEPARTS_S: Final = 3.3
 """Time from there to the first movement. Whole trains took 5.35 s after the begin of a trip."""
+WHOLE_S: Final = 7.0
+"""Time by which whole trains are slower than the fastest designed run: they keep below each limit
+and stop gently. A planned time may be shorter."""
 ROUTE_S: Final = 60.0
 """Longest time before the stop at a turnback, and behind it, for which a train keeps the route."""
 SWITCH_S: Final = 6.0
@@ -94,6 +97,10 @@ class TurningService(DesignedService):
         kept_s = min(into_s, ROUTE_S) + min(out_s, ROUTE_S) + TURN_S + DEPARTS_S + SWITCH_S
         planned_s = self.layovers_s[trip - 1]
         return min(LAYOVER_MAX_S, max(planned_s, self.headway_s - DWELL_SPREAD_S - kept_s))
+
+    def least_s(self, index: int) -> float:
+        planned_s, whole_s = self.hops[index].end.run_s, super().least_s(index) + WHOLE_S
+        return min(planned_s, whole_s) if planned_s else whole_s
 
     def starts(self, begin_s: Sequence[float]) -> list[list[float]]:
         """Each layover alone in steps, with the others as planned."""

@@ -10,7 +10,8 @@ import pytest
 from firmware_py.settings import SettingsError
 from metro_hil.energy.line import meetings, service_command, timetable_command
 from metro_hil.energy.line.meetings import find_meetings
-from metro_hil.energy.line.turning_service import TURN_S, TurningService
+from metro_hil.energy.line.service_command import hops_of
+from metro_hil.energy.line.turning_service import TURN_S, WHOLE_S, TurningService
 from metro_hil.energy.running_curve.train import load_train
 from metro_hil.model.service import load_service
 
@@ -103,6 +104,19 @@ def test_the_search_keeps_what_the_turnback_needs(service: TurningService) -> No
     assert service.permits([110.0, 110.0, most_s], PLANNED, {2: 1.0})
     before, after = (service.simulate(t, seed=7001, step_s=4.0) for t in (PLANNED, found.times_s))
     assert after.actual_kwh <= before.actual_kwh
+
+
+def test_no_run_is_shorter_than_whole_trains_or_the_plan_take(service: TurningService) -> None:
+    fastest_s = float(service.hop(0).net.time_s.min())
+    least_s = service.least_s(0)
+    (costs, _) = hops_of(service)
+
+    assert least_s == pytest.approx(min(110.0, fastest_s + WHOLE_S))
+    assert costs.fastest_s == least_s
+    assert costs.energy_j(least_s) == costs.energies_j[0] > costs.energies_j[-1]
+    near = [least_s, 220.0 - least_s, 0.0]
+    assert service.permits(near, near, {0: 1.0})
+    assert not service.permits([least_s - 0.1, *near[1:]], near, {0: 1.0})
 
 
 def test_a_round_trip_that_its_trains_cannot_make_in_time_is_refused(tmp_path: Path) -> None:
