@@ -1,6 +1,6 @@
 """One train of a line in virtual time: controller, plant and bus, run interval by interval."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -91,12 +91,13 @@ class VirtualTrainReport(NamedTuple):
 class HopMeter:
     """Reads the meter of a train between its stops, once an interval."""
 
-    def __init__(self, start: str, left: MeterReading) -> None:
+    def __init__(self, start: str, left: MeterReading, names: Mapping[str, str]) -> None:
         """Args:
         start: station of the first departure.
+        names: of the stations of further laps, the name that each has in the first one.
         """
         self.found: list[HopEnergy] = []
-        self._from, self._left = start, left
+        self._from, self._left, self._names = start, left, names
 
     def look(self, now: MeterReading, runs: Sequence[StationRun], *, stands: bool) -> None:
         """Args:
@@ -106,7 +107,8 @@ class HopMeter:
         if len(runs) > len(self.found):
             run = runs[-1]
             time_s = run.arrived_s - run.left_s
-            self.found.append(hop_between((self._from, run.station), time_s, self._left, now))
+            start, end = (self._names.get(each, each) for each in (self._from, run.station))
+            self.found.append(hop_between((start, end), time_s, self._left, now))
             self._from = run.station
         if stands:
             self._left = now
@@ -136,7 +138,10 @@ class VirtualTrain:
             leader_rear_m=leader_rear_m(plan.traffic, plan.starts, index, scenario.train.length_m),
         )
         self._power = self._bench.plant.world.power
-        self._hops = HopMeter(start.station.name, read_meter(self._power))
+        lap = plan.traffic.stations_a_lap or len(plan.line.stations)
+        stations = [station.name for station in plan.line.stations]
+        names = {name: stations[index % lap] for index, name in enumerate(stations)}
+        self._hops = HopMeter(start.station.name, read_meter(self._power), names)
         self._intervals = 0
         self._emergency = False
         self._emergencies = 0

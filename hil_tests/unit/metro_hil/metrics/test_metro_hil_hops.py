@@ -51,7 +51,7 @@ def test_without_a_meter_there_is_a_time_and_no_energy(truth: Columns) -> None:
 
 def test_on_a_line_a_hop_ends_with_the_run_and_begins_with_the_departure() -> None:
     """The train stands until 20 s, and runs until 60 s. It takes 1 kJ a second, also at rest."""
-    meter = HopMeter("A", MeterReading(0.0, 0.0, 0.0, 0.0))
+    meter = HopMeter("A 2", MeterReading(0.0, 0.0, 0.0, 0.0), {"A 2": "A"})
     run = StationRun("B", 40.0, 20.0, 60.0, 0.0)
 
     for at_s in range(1, 80):
