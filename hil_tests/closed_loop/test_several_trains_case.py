@@ -1,9 +1,12 @@
 """A scenario with several trains of a service: faults of one of them, and one verdict over all."""
 
+import re
 import shutil
+import tomllib
 from pathlib import Path
 from typing import Final
 
+import msgspec
 import pytest
 
 from metro_hil.campaign.plan import plan_cases
@@ -40,6 +43,11 @@ def planned(folder: Path, scenario: str = SCENARIO) -> tuple[Case, Files]:
     campaign = read_campaign(str(folder / "scenario.toml"))
     (case,) = plan_cases(campaign)
     return case, {name: folder / name for name in campaign.files}
+
+
+def with_faults_of(scenario: str, case: Case) -> Case:
+    """The case as another version may have planned it, whose check of faults did less."""
+    return msgspec.structs.replace(case, faults=tuple(tomllib.loads(scenario)["fault"]))
 
 
 @pytest.fixture(scope="module")
@@ -128,13 +136,15 @@ def test_a_case_in_which_no_master_was_struck_does_not_pass(tmp_path: Path) -> N
         ('kind = "controller_killed"\nduration_s = 2.0', "cannot restart a train under masters"),
     ],
 )
-def test_a_fault_that_cannot_act_under_masters_blocks_the_case(
+def test_a_fault_that_cannot_act_under_masters_is_refused_and_blocks_a_case(
     fault: str, problem: str, tmp_path: Path
 ) -> None:
-    case, files = planned(tmp_path, f"{MASTERS}[[fault]]\n{fault}\n")
+    with_fault = f"{MASTERS}[[fault]]\n{fault}\n"
 
-    result = run_case(case, files=files)
-
+    with pytest.raises(CampaignError, match=rf"fault\[0\].kind: .*{problem}"):
+        planned(tmp_path, with_fault)
+    case, files = planned(tmp_path, MASTERS)
+    result = run_case(with_faults_of(with_fault, case), files=files)
     assert result.verdict is Verdict.BLOCKED
     assert "fault[0].kind: " in result.reason
     assert problem in result.reason
@@ -152,13 +162,15 @@ def test_a_fault_that_cannot_act_under_masters_blocks_the_case(
         ),
     ],
 )
-def test_a_fault_of_no_train_of_the_case_blocks_it(
+def test_a_fault_of_no_train_is_refused_and_blocks_a_case(
     before: str, after: str, problem: str, tmp_path: Path
 ) -> None:
-    case, files = planned(tmp_path, SCENARIO.replace(before, after, 1))
+    changed = SCENARIO.replace(before, after, 1)
 
-    result = run_case(case, files=files)
-
+    with pytest.raises(CampaignError, match=re.escape(problem)):
+        planned(tmp_path, changed)
+    case, files = planned(tmp_path)
+    result = run_case(with_faults_of(changed, case), files=files)
     assert result.verdict is Verdict.BLOCKED
     assert problem in result.reason
 
