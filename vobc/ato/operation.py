@@ -54,8 +54,9 @@ JOG_BACK_PAST_M: Final = 0.12
 """Target of a jog back, as distance short of the stopping point. The antenna must pass the tag
 again; otherwise the place stays too uncertain for doors after a slide in emergency braking."""
 JOG_BACK_SPARE_M: Final = 0.05
-"""How much further a jog back may end than planned, and by how much the interval may widen, in
-all."""
+"""How much further a jog back may end than planned."""
+JOG_WIDENS_RATIO: Final = 0.1
+"""Widening of the interval ahead of the estimate over the distance of a jog back, at most."""
 JOG_SPREAD_M: Final = 0.15
 """Greatest distance of a jog's end from its target. Including it, a jog stays within its reach."""
 HELP_WAITS_S: Final = 30.0
@@ -305,11 +306,15 @@ class Ato:
         reachable = inputs.authority_end_m >= inputs.front_m + max(0.0, to_stop_m)
         return to_stop_m <= work.jog_reach_m and reachable
 
-    def _back_past_m(self, inputs: AtoInput) -> float:
+    def _back_past_m(self, inputs: AtoInput, past_m: float) -> float:
         """How far short of the stopping point a jog back ends: past the tag, but where doors may
         open even if no tag narrows the interval, if there is such a place.
+
+        Args:
+            past_m: distance of the estimate past the stopping point, where the jog begins.
         """
-        spare_m = self._config.station.window_m - inputs.ahead_m - JOG_BACK_SPARE_M
+        then_ahead_m = inputs.ahead_m + JOG_WIDENS_RATIO * past_m
+        spare_m = self._config.station.window_m - then_ahead_m - JOG_BACK_SPARE_M
         return min(JOG_BACK_PAST_M, spare_m) if spare_m > 0.0 else JOG_BACK_PAST_M
 
     def _watch_jog(self, inputs: AtoInput) -> None:
@@ -380,7 +385,9 @@ class Ato:
             past_m = 0.0 if stop is None else inputs.front_m - stop.stop_m
             self._reverse = past_m > FINEST_JOG_BACK_M and not inputs.jog_to_tag
             ahead_m = JOG_TO_TAG_M if inputs.jog_to_tag else JOG_PAST_M
-            beyond_m = self._back_past_m(inputs) if self._reverse else ahead_m + max(0.0, past_m)
+            beyond_m = (
+                self._back_past_m(inputs, past_m) if self._reverse else ahead_m + max(0.0, past_m)
+            )
             spare_m = self._config.station.jog_reach_m - JOG_SPREAD_M - abs(past_m)
             self._jog_past_m = min(beyond_m, max(0.0, spare_m))
             self._slow.begin(0.0)

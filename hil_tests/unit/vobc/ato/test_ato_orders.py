@@ -109,9 +109,9 @@ def test_a_train_a_tenth_of_a_metre_past_the_stop_moves_no_further_forward(
     assert (attempts(rig) > 0) is goes
 
 
-def jogged_back_to_m(ahead_m: float) -> float:
-    """Where a jog back ends that began 15 cm past the stop, as distance past it."""
-    rig = rig_at(3500.15)
+def jogged_back_to_m(ahead_m: float, from_m: float = 0.15) -> float:
+    """Where a jog back ends that began that far past the stop, as distance past it."""
+    rig = rig_at(3500.0 + from_m)
     rig.door_permission, rig.jog_back_m, rig.ahead_m = False, 6.0, ahead_m
     rig.run(lambda rig: attempts(rig) > 0 and rig.front_m < 3500.05 and rig.held, limit_s=60.0)
     return rig.front_m - 3500.0
@@ -122,9 +122,15 @@ def test_a_jog_back_ends_where_doors_may_open_though_no_tag_narrows_the_interval
     past_the_tag_m = jogged_back_to_m(0.0)
 
     assert past_the_tag_m == pytest.approx(-0.12, abs=0.03)
-    assert jogged_back_to_m(0.13) == past_the_tag_m
+    assert jogged_back_to_m(0.11) == past_the_tag_m
     assert jogged_back_to_m(0.20) == pytest.approx(-0.05, abs=0.03)
     assert jogged_back_to_m(0.26) == past_the_tag_m
+
+
+def test_a_long_jog_back_passes_the_tag_because_the_interval_widens_on_the_way() -> None:
+    """Over 3 m an interval of ±0.2 m widens to ±0.5 m."""
+    assert jogged_back_to_m(0.20, from_m=3.0) == jogged_back_to_m(0.0, from_m=3.0)
+    assert jogged_back_to_m(0.20, from_m=0.3) > jogged_back_to_m(0.0, from_m=0.3) + 0.05
 
 
 @pytest.mark.parametrize("delay_s", [0.4, 1.0])
