@@ -97,6 +97,17 @@ def test_the_permitted_speed_ahead_is_the_one_that_protection_will_give_there(wa
     assert there.permitted_mps < 25.0
 
 
+@pytest.mark.parametrize(("way_m", "permitted_mps"), [(60.0, 10.0), (61.0, 25.0), (100.0, 25.0)])
+def test_a_limit_holds_ahead_until_the_rear_is_surely_clear_of_it_there(
+    way_m: float, permitted_mps: float
+) -> None:
+    """The limit ends at 500 m. The rear is 65 m behind the likeliest place of the front."""
+    protection = protection_of(0.6, (), ((0.0, 500.0, 10.0), (500.0, 6000.0, 25.0)))
+    image = replace(SILENCE, authority=Authority(3000.0, 1, 1))
+
+    assert protection.permitted_ahead_mps(image, at(504.5), way_m) == permitted_mps
+
+
 def test_without_an_authority_nothing_is_permitted_ahead() -> None:
     protection = protection_of(0.6, (), ((0.0, 6000.0, 25.0),))
 
