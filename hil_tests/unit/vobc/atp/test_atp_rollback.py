@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.trackdb import GradientSection, LineMap, load_line
+from vobc.atp import Protection
 from vobc.atp.rollback import LEAST_M, RollbackWatch
 from vobc.config import load_config
 from vobc.vocabulary import Interval, Motion
@@ -69,6 +70,18 @@ def true_rollback_m(line: LineMap, permille: float) -> float:
         rolled_m += speed_mps * STEP_S
         speed_mps += accel_mps2 * STEP_S
         t_s += STEP_S
+
+
+def test_without_a_scale_protection_takes_each_counted_metre_for_a_true_one() -> None:
+    line = climb(20.0)
+    exact = RollbackWatch(
+        CONFIG, line, train_length_m=LENGTH_M, cycle_s=CYCLE_S, true_per_counted=1.0
+    )
+
+    watched = Protection(CONFIG, line, train_length_m=LENGTH_M, cycle_s=CYCLE_S)._rollback
+
+    assert watched.room_m(1.0, rolling(0.2)) == exact.room_m(1.0, rolling(0.2))
+    assert watched.room_m(1.0, rolling(0.2)) != watch(line).room_m(1.0, rolling(0.2))
 
 
 @pytest.mark.parametrize("permille", [5.0, 20.0, 30.0, 40.0, 45.0])
