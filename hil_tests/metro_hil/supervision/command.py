@@ -167,7 +167,7 @@ def _obey_network(
         path: of the route that the user named.
     """
     if options.verb in ("line", "master"):
-        return _show_network(options, network.only(path), clock)
+        return show_network(options, network.only(path), clock)
     if path is not None and options.verb in OF_TRACK:
         stretch = Stretch(path.path, options.start_m, options.end_m)
         return network.on_stretch(stretch, partial(_obey_stretch, options))
@@ -185,7 +185,9 @@ def _obey_network(
     return _obey(options, found.console, found.view, clock)
 
 
-def _show_network(options: argparse.Namespace, desks: Sequence[PathDesk], clock: WallClock) -> int:
+def show_network(options: argparse.Namespace, desks: Sequence[PathDesk], clock: WallClock) -> int:
+    """Print the trains or masters of paths, with `--watch` until the user ends it."""
+
     def lines(view: LineView) -> list[str]:
         return (view.words if options.verb == "line" else view.reasons)(clock.now_ns())
 
@@ -197,7 +199,8 @@ def _show_network(options: argparse.Namespace, desks: Sequence[PathDesk], clock:
     console.say(text_of(desks, lines))
     if any(desk.view.commands for desk in desks):
         return EXIT_OK
-    return console.nobody("any path")
+    heard = next((each for each in desks if not each.view.receives_nothing), desks[0])
+    return heard.console.fail_without_command("any path" if len(desks) > 1 else "")
 
 
 def _obey_stretch(
@@ -255,10 +258,10 @@ def _obey(
             desk.say(view.words(clock.now_ns()), over=True)
             desk.listen(WATCH_S)
         desk.say(view.words(clock.now_ns()))
-        return EXIT_OK if view.commands else desk.nobody()
+        return EXIT_OK if view.commands else desk.fail_without_command()
     if verb == "master":
         desk.say(view.reasons(clock.now_ns()))
-        return EXIT_OK if view.commands else desk.nobody()
+        return EXIT_OK if view.commands else desk.fail_without_command()
     if verb == "switch-master":
         return desk.switch(options.area, options.to)
     if verb == "out-of-service":

@@ -93,7 +93,7 @@ class SupervisionConsole:
     def switch(self, area: int, to: int) -> int:
         """Request another master until it commands, or the time is over."""
         if area not in self._view.commands:
-            return self.nobody(f"area {area}")
+            return self.fail_without_command(f"area {area}")
 
         def switched() -> bool:
             now = self._view.commands[area]
@@ -116,7 +116,7 @@ class SupervisionConsole:
         """
         view, asked_ns = self._view, self._clock.now_ns()
         if not (view.commands or (end and train in view.reports)):
-            return self.nobody()
+            return self.fail_without_command()
         if not self.listen(ORDER_S, lambda: view.knows(train)):
             return self._unknown(train)
 
@@ -167,7 +167,7 @@ class SupervisionConsole:
     def remove(self, train: int) -> int:
         """Report the train as gone to every master until all have taken it off their rosters."""
         if not self._view.commands:
-            return self.nobody()
+            return self.fail_without_command()
         asked_ns, was_there = self._clock.now_ns(), False
 
         def answers() -> dict[int, RemovalAnswer]:
@@ -311,7 +311,7 @@ class SupervisionConsole:
             self._clock.now_ns(), key, pack(message, self._key, database=self._database)
         )
 
-    def nobody(self, what: str = "") -> int:
+    def fail_without_command(self, what: str = "") -> int:
         """Fail because no train commands the area, or by default any area."""
         line = self._view.areas.name
         if self._view.receives_nothing:

@@ -1,6 +1,7 @@
 """Commands of supervision to trains on a network, from the console to the controller."""
 
 import dataclasses
+from argparse import Namespace
 from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Final
@@ -21,6 +22,7 @@ from hil_tests.unit.plant_emulator.wayside.test_line_centre import STATUS
 from metro_hil.cli.vobc import main
 from metro_hil.line.turning.central_orders import CentralOrders
 from metro_hil.model.run_options import EXIT_ENVIRONMENT, EXIT_OK, EXIT_USAGE
+from metro_hil.supervision.command import show_network
 from metro_hil.supervision.network import NetworkDesk, PathSessions, SupervisedPath, text_of
 from plant_emulator.wayside.departed_trains import DepartedTrains
 from plant_emulator.wayside.line_centre import LineCentre
@@ -298,3 +300,36 @@ def test_a_route_is_refused_on_a_line(capsys: pytest.CaptureFixture[str]) -> Non
     assert main(["hold", "1", "--route", "out"]) == EXIT_USAGE
 
     assert "hold: --route: only with --service" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("heard", "route", "said"),
+    [
+        ([], None, "nothing is received on short-out"),
+        (["short-back"], None, "no train commands any path"),
+        (["short-back"], 0, "nothing is received on short-out"),
+        (["short-back"], 1, "no train commands any area of short-back"),
+    ],
+)
+def test_without_a_train_that_commands_the_answer_says_what_is_received(
+    heard: list[str],
+    route: int | None,
+    said: str,
+    ways: list[Way],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    network = load_network(written(tmp_path, SHORT, SHORT_TRACKS))
+    paths = [SupervisedPath(way.line.name[6:], way, divided(network, way)) for way in ways]
+    radio, clock = Radio(), Instants()
+    desk = NetworkDesk(paths, radio, clock, BENCH_KEY)  # type: ignore[arg-type]
+    for name in heard:
+        report = dataclasses.replace(REPORT, area=1)
+        radio.waiting.append(RadioMessage(0, key_of(name, report), pack(report)))
+    desk.listen(0.1)
+    desks = desk.only(None if route is None else paths[route])
+
+    code = show_network(Namespace(verb="line"), desks, clock)  # type: ignore[arg-type]
+
+    assert code == EXIT_ENVIRONMENT
+    assert capsys.readouterr().err == f"vobc: {said}\n"
