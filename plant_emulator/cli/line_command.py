@@ -26,6 +26,7 @@ from firmware_py.trackdb import LineMap
 from plant_emulator.cli.openers import open_tags, open_wayside, refuse_second_plant
 from plant_emulator.cli.options import AUTO
 from plant_emulator.cli.words import TrainNotices, say, summarise
+from plant_emulator.power.box import J_PER_KWH
 from plant_emulator.power.supplies import Supply
 from plant_emulator.process import TRUTH_COLUMNS, PlantDevice
 from plant_emulator.traffic.config import TrafficConfig, plan_traffic
@@ -42,7 +43,6 @@ GARBAGE_MS: Final = 10_000.0
 TELL_MS: Final = 10_000.0
 NS_PER_S: Final = 1_000_000_000
 NS_PER_MS: Final = 1_000_000
-J_PER_KWH: Final = 3.6e6
 ALONE: Final = {
     "start": "--from",
     "end": "--to",

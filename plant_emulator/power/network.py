@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from plant_emulator.power import flow
+from plant_emulator.power.box import J_PER_KWH
 
 M_PER_KM: Final = 1000.0
-J_PER_KWH: Final = 3.6e6
 END_M: Final = 50.0
 """Distance beyond the end of a section up to which that section still feeds a train."""
 CEILING_MAX_V: Final = 2000.0

@@ -8,9 +8,9 @@ from typing import Any, Final, NamedTuple
 from rich.table import Table
 
 from plant_emulator.power import HighVoltageBox
+from plant_emulator.power.box import J_PER_KWH
 from plant_emulator.traffic.coupling import PowerCoupling
 
-J_PER_KWH: Final = 3.6e6
 PERCENT: Final = 100.0
 COLUMNS: Final = ("drawn", "returned", "resistor", "lowest voltage")
 """Columns of the table of trains, see `cells_of`."""

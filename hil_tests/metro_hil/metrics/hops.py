@@ -11,8 +11,8 @@ from rich.table import Table
 from metro_hil.metrics.stops import StationStop
 from metro_hil.model.log_columns import Columns
 from plant_emulator.power import HighVoltageBox
+from plant_emulator.power.box import J_PER_KWH
 
-J_PER_KWH: Final = 3.6e6
 ENERGIES: Final = ("traction_kwh", "regenerated_kwh", "drawn_kwh", "returned_kwh")
 
 

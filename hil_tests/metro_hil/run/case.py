@@ -39,6 +39,7 @@ from plant_emulator.faults.declared_process import ClockStep
 from plant_emulator.faults.fitting import check_provided
 from plant_emulator.faults.kinds import BENCH_PLACES, FaultPlace
 from plant_emulator.faults.plan import FaultPlan
+from plant_emulator.power.box import J_PER_KWH
 from plant_emulator.truth import SIGNALS, Truth
 from plant_emulator.wayside.interlocking import Interlocking, SharedNetwork
 from plant_emulator.world import STEP_NS
@@ -53,7 +54,6 @@ NS_PER_S: Final = 1_000_000_000
 MS_PER_S: Final = 1000.0
 INPUT_AGE_S: Final = 0.25
 """Greatest delay by which faults may age an input that the controller still accepts, s."""
-J_PER_KWH: Final = 3.6e6
 STUCK_S: Final = 60.0
 """Time after the longest dwell for which a train may stand without a pending fault, s; it counts as
 stuck then."""

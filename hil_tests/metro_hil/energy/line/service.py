@@ -24,7 +24,8 @@ from metro_hil.energy.running_curve.net import with_thrift
 from metro_hil.energy.running_curve.trace import trace
 from metro_hil.energy.running_curve.track import track_between
 from metro_hil.energy.running_curve.train import Numbers, RunningTrain
-from plant_emulator.power.network import J_PER_KWH, Load
+from plant_emulator.power.box import J_PER_KWH
+from plant_emulator.power.network import Load
 from plant_emulator.power.supplies import Supply
 from plant_emulator.traffic.config import TrafficConfig
 from plant_emulator.traffic.timetable import TERMINAL_S, LapTimetable, lap_timetable

@@ -24,10 +24,10 @@ from metro_hil.energy.line.turning_service import TurningService
 from metro_hil.energy.running_curve.train import RunningTrain, load_train, of_consist
 from metro_hil.model.run_options import EXIT_OK
 from metro_hil.model.terminal import console_for
+from plant_emulator.power.box import J_PER_KWH
 from plant_emulator.traffic.config import TrafficConfig, plan_traffic
 from plant_emulator.train_config import load_train as load_consist
 
-J_PER_KWH: Final = 3.6e6
 RESERVE: Final = 12.0
 """Running time above the fastest one, in per cent, where a line gives no running times."""
 CHOOSING_SEEDS: Final = tuple(range(7101, 7107))

@@ -24,9 +24,9 @@ from metro_hil.energy.line.model import (
     edges_m,
 )
 from plant_emulator.power import flow
+from plant_emulator.power.box import J_PER_KWH
 
 STEP_S = 0.2
-J_PER_KWH = 3.6e6
 JOINTS_MAX = 16
 
 

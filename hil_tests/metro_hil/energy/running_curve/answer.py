@@ -24,8 +24,8 @@ from metro_hil.energy.running_curve.optimum import NotSolvedError, Optimum, opti
 from metro_hil.energy.running_curve.trace import CurveTrace, trace
 from metro_hil.energy.running_curve.track import HopTrack
 from metro_hil.energy.running_curve.train import Numbers, RunningTrain
+from plant_emulator.power.box import J_PER_KWH
 
-J_PER_KWH: Final = 3.6e6
 OPTIMUM_CELL_M: Final = 5.0
 GRID_RATIO: Final = 0.01
 """Energy by which the wider cells of the optimum may differ from those of the designed curve."""

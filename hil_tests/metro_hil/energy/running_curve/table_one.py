@@ -14,7 +14,6 @@ from metro_hil.energy.running_curve.train import RunningTrain
 TIME_S: Final = 72.5
 LENGTH_M: Final = 1000.0
 J_PER_MJ: Final = 1.0e6
-J_PER_KWH: Final = 3.6e6
 W_PER_KW: Final = 1000.0
 MOTORS: Final = 8
 

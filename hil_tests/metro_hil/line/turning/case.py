@@ -13,7 +13,6 @@ from firmware_py.settings import SettingsError
 from firmware_py.storage.errors import RecorderError
 from firmware_py.storage.recorder import loss_text
 from firmware_py.trackdb.network import TrackNetwork
-from metro_hil.line.energy import J_PER_KWH
 from metro_hil.line.turning.conductor import Conductor
 from metro_hil.line.turning.invariants import Between
 from metro_hil.line.turning.masters import Masters, StruckMaster
@@ -47,6 +46,7 @@ from metro_hil.run.service_case import (
 from plant_emulator.faults.declared_process import ControllerKilled
 from plant_emulator.faults.fitting import check_commanded
 from plant_emulator.faults.plan import FaultPlan
+from plant_emulator.power.box import J_PER_KWH
 from plant_emulator.power.network import Network
 from plant_emulator.power.supplies import Supply
 from plant_emulator.traffic.coupling import Books

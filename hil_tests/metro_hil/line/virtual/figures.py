@@ -25,9 +25,9 @@ from metro_hil.line.energy_figures import (
 )
 from metro_hil.line.virtual.coordinator import LineRecord
 from metro_hil.line.virtual.member import LinePlan
+from plant_emulator.power.box import J_PER_KWH
 
 KW: Final = 1000.0
-J_PER_KWH: Final = 3.6e6
 ON_TIME_S: Final = 2.0
 Numbers = NDArray[np.float64]
 
